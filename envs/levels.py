@@ -157,12 +157,15 @@ def load(path: str | os.PathLike[str], scenario: Scenario | str) -> list[Level]:
 
 
 def encoded(levels: Iterable[Level]) -> list[dict[str, Any]]:
-    """Levels as JSON has them."""
+    """Return levels as JSON has them."""
     return [{"numbers": dict(each.numbers), "key": each.key} for each in levels]
 
 
 def decoded(entries: Iterable[Any]) -> list[Level]:
-    """Levels out of what `encoded` returned. Raises KeyError, TypeError, ValueError or AttributeError for all else."""
+    """Return levels out of what `encoded` returned.
+
+    Raises KeyError, TypeError, ValueError or AttributeError for all else.
+    """
     return [Level(each["numbers"], each["key"]) for each in entries]
 
 

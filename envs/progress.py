@@ -27,7 +27,7 @@ class Messages:
     """
 
     def __init__(self, stream: TextIO | None) -> None:
-        """stream: The stream that is written to; None: there is none."""
+        """Write to `stream`, or nowhere if it is None."""
         self.stream: Any = stream
 
     def write(self, text: str) -> int:
@@ -185,7 +185,7 @@ def duration(seconds: float) -> str:
 
 @contextlib.contextmanager
 def above_bars(stream: Any) -> Iterator[None]:
-    """A context in which text that is written to this stream stands above the bars of the same terminal."""
+    """Yield a context in which text that is written to this stream stands above the bars of the same terminal."""
     with tqdm.external_write_mode(file=stream):
         yield
 

@@ -156,7 +156,7 @@ def rollout(
 def worlds_of(
     asked: Scenario, policy: Other, others: Others | None, worlds: int, **settings: Any
 ) -> tuple[SurvivalVectorEnv, Policy, Against | None]:
-    """New worlds in which all of the policies can play, and what `players_in` returns. settings: of make_vec."""
+    """Make worlds in which all policies can play; also return what `players_in` does. settings: of make_vec."""
     entries = _entries(policy, others)
     names = [each for each, _ in entries]
     fitting, players = load_policies(names, asked, settings["seed"])
@@ -170,7 +170,7 @@ def worlds_of(
 
 
 def players_in(env: SurvivalVectorEnv, policy: Other, others: Others | None) -> tuple[Policy, Against | None]:
-    """Who acts for all agents of these worlds; and the same, if there are others, as it counts who wins."""
+    """Return the policy of all agents of these worlds, and the same, if there are others, as it counts who wins."""
     entries = _entries(policy, others)
     return _playing(env, loaded([each for each, _ in entries], 0), entries, 0)
 

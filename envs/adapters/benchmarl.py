@@ -82,36 +82,36 @@ class OutlastClass(TaskClass):  # type: ignore[misc]  # untyped
         return int(max(limits)) if all(limits) else LONGEST
 
     def has_render(self, env: SurvivalTorchEnv) -> bool:
-        """No: use `outlast frames` to make films."""
+        """Return False: use `outlast frames` to make films."""
         return False
 
     def group_map(self, env: SurvivalTorchEnv) -> dict[str, list[str]]:
-        """The names of agents by group."""
+        """Return the names of agents by group."""
         return env.group_map
 
     def observation_spec(self, env: SurvivalTorchEnv) -> Composite:
-        """The specs of what agents observe, by group."""
+        """Return the specs of what agents observe, by group."""
         return _entries(env, "observation")
 
     def action_mask_spec(self, env: SurvivalTorchEnv) -> Composite | None:
-        """The specs of action masks, by group; None for continuous actions."""
+        """Return the specs of action masks, by group; None for continuous actions."""
         return None if self.supports_continuous_actions() else _entries(env, "action_mask")
 
     def action_spec(self, env: SurvivalTorchEnv) -> Composite:
-        """The specs of actions, by group."""
+        """Return the specs of actions, by group."""
         return env.full_action_spec_unbatched
 
     def state_spec(self, env: SurvivalTorchEnv) -> Composite:
-        """The spec of the state."""
+        """Return the spec of the state."""
         return Composite({"state": env.full_observation_spec_unbatched["state"].clone()})
 
     def info_spec(self, env: SurvivalTorchEnv) -> None:
-        """None: there is no info."""
+        """Return None, as there is no info."""
         return None
 
     @staticmethod
     def env_name() -> str:
-        """The environment's name, used in names of tasks such as "outlast/teams_2"."""
+        """Return the environment's name, used in names of tasks such as "outlast/teams_2"."""
         return "outlast"
 
 
@@ -129,7 +129,7 @@ class OutlastTask(Task):  # type: ignore[misc]  # untyped
 
     @staticmethod
     def associated_class() -> type[TaskClass]:
-        """The class of all these tasks."""
+        """Return the class of all these tasks."""
         return OutlastClass
 
     def get_from_yaml(self, path: str | None = None) -> TaskClass:

@@ -194,7 +194,7 @@ class SurvivalEnv(Pictured, gymnasium.Env[Observation, Array]):
             self.render()
 
     def __deepcopy__(self, memo: Any) -> "SurvivalEnv":
-        """An environment that goes on from where this one is, with `others` of its own."""
+        """Return an environment that goes on from where this one is, with `others` of its own."""
         other: SurvivalEnv = type(self).__new__(type(self))
         memo[id(self)] = other  # a policy may refer to the environment that it plays in
         options = self._recipe.keywords

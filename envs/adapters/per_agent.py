@@ -259,7 +259,7 @@ class PerAgentVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
         return info
 
     def _begin_next(self, done: Array) -> Arrays | None:
-        """Under SAME_STEP, reset the worlds that just ended, and return what base_env observes now."""
+        """Reset the worlds that just ended, under SAME_STEP, and return what base_env observes now."""
         if self.autoreset_mode is not AutoresetMode.SAME_STEP:
             return None
         return self.base_env.reset(options={"reset_mask": done})[0]

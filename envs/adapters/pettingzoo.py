@@ -240,7 +240,7 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
         self.base_env.close()
 
     def __deepcopy__(self, memo: Any) -> Self:
-        """An environment that goes on from where this one is."""
+        """Return an environment that goes on from where this one is."""
         other = self._recipe()
         copy_changed(self.base_env.worlds, other.base_env.worlds)
         other.set_state(self.get_state())
@@ -280,7 +280,7 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
         return [agent for agent in agents if self.dead == "keep" or living[self._index[agent]]]
 
     def _observe_masks(self, key: str, dtype: Any) -> None:
-        """From now on agents observe {key: as before, "action_mask": (entries,)}, as some libraries need it."""
+        """Make agents observe {key: as before, "action_mask": (entries,)} from now on, as some libraries need it."""
         self._mask_form = key, dtype
         masks = spaces.Box(0, 1, (self._actions.mask_size,), dtype)
         for agent, own in self.observation_spaces.items():

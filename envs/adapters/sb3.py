@@ -119,7 +119,7 @@ class SurvivalVecEnv(Pictured, VecEnv):  # type: ignore[misc]  # mypy does not f
             self.seed(seed)
 
     def seed(self, seed: int | None = None) -> list[int]:
-        """Key world w by (seed, w) at the next reset; None: by an unpredictable seed.
+        """Seed world w by (seed, w) at the next reset; None: by an unpredictable seed.
 
         Stable-Baselines3's own environments get seed + their number instead. Here, seeds 0 and 1 would then have all
         worlds but one in common, and learners trained with each of them would see nearly the same sample.

@@ -59,19 +59,19 @@ def values(action: argparse.Action) -> tuple[list[str], bool]:
 
 
 def options(command: Parser) -> Iterator[tuple[str, argparse.Action]]:
-    """Every option of a command, by each of its names."""
+    """Yield every option of a command, by each of its names."""
     for _, actions in command.groups():
         for action in actions:
             yield from ((name, action) for name in action.option_strings)
 
 
 def positional(command: Parser) -> list[argparse.Action]:
-    """The arguments of a command that are no options."""
+    """Return the arguments of a command that are no options."""
     return [action for _, actions in command.groups() for action in actions if not action.option_strings]
 
 
 def bash(commands: Any) -> str:
-    """For bash: cases of an option's value, then of an option or an argument."""
+    """Write bash's cases of an option's value, then of an option or an argument."""
     cases = []
     for name, command in commands.choices.items():
         takers = [(option, values(action)) for option, action in options(command) if takes_value(action)]
@@ -96,7 +96,7 @@ def _quoted(words: Sequence[str]) -> str:
 
 
 def zsh(commands: Any) -> str:
-    """For zsh: what _arguments needs of each command."""
+    """Write what zsh's _arguments needs of each command."""
     about, cases = summaries(commands), []
     for name, command in commands.choices.items():
         specs = [_zsh_option(option, action) for option, action in options(command)]
@@ -121,7 +121,7 @@ def _zsh_values(words: Sequence[str], files: bool) -> str:
 
 
 def fish(commands: Any) -> str:
-    """For fish: a line for each command, option and argument."""
+    """Write fish's line for each command, option and argument."""
     about, lines = summaries(commands), ["complete -c outlast -f"]
     for name, command in commands.choices.items():
         lines.append(f"complete -c outlast -n __fish_use_subcommand -a {name} -d {_fished(about[name])}")

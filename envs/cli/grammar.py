@@ -33,12 +33,12 @@ class Parser(argparse.ArgumentParser):
         self._titles |= {name: title for title, names in groups.items() for name in names}
 
     def group(self, title: str) -> Any:
-        """The group of options of that title, made when it is first asked for."""
+        """Return the group of options of that title, made when it is first asked for."""
         found = [group for group in self._action_groups if group.title == title]
         return found[0] if found else self.add_argument_group(title)
 
     def groups(self) -> list[tuple[str, list[argparse.Action]]]:
-        """Titles of the groups, and the arguments and options in each, as they are to be shown; empty ones are not."""
+        """Return the titles of the groups that are not empty, with the arguments and options to show in each."""
         found: dict[str, list[argparse.Action]] = {}
         for group in self._action_groups:
             for action in group._group_actions:
@@ -51,7 +51,7 @@ class Parser(argparse.ArgumentParser):
         ]
 
     def words(self, options: argparse.Namespace, leave_out: Collection[str] = ()) -> list[str]:
-        """The words of a command line that give these options, as far as they are not as usual; no arguments.
+        """Return the words of a command line that give these options, as far as they are not as usual; no arguments.
 
         Args:
             options: What was parsed. The `str` of each value is parsed to the same value.
@@ -67,19 +67,19 @@ class Parser(argparse.ArgumentParser):
         return found
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
-        """As argparse's, but nothing is left over: what is unknown is an error of the command that got it."""
+        """Parse as argparse does, but refuse what is unknown, in the name of the command that got it."""
         found, unknown = super().parse_known_args(self._joined(sys.argv[1:] if args is None else args), namespace)
         if unknown:
             self.error(self._unknown(unknown[0]))
         return found, unknown
 
     def error(self, message: str) -> NoReturn:
-        """Say in one line what is wrong, and end with status 2."""
+        """Print in one line what is wrong, and end with status 2."""
         text = " ".join(message.removeprefix("argument ").split())
         self.exit(2, f"{self.prog}: {text} (see {self.prog} --help)\n")
 
     def format_usage(self) -> str:
-        """The command with what it needs."""
+        """Return the command with what it needs."""
         return f"usage: {self._usage()}\n"
 
     def format_help(self) -> str:
@@ -110,7 +110,7 @@ class Parser(argparse.ArgumentParser):
         return " ".join([*words, "[options]"])
 
     def _joined(self, words: Iterable[str]) -> list[str]:
-        """The words, with a value that begins with a minus joined to its option: --views -ids is --views=-ids."""
+        """Join values that begin with a minus to their options: --views -ids becomes --views=-ids."""
         joined: list[str] = []
         for word in words:
             option = self._option_string_actions.get(joined[-1]) if joined else None

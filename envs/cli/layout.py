@@ -116,7 +116,7 @@ def _warn_of_parts(name: str, worlds: Worlds) -> None:
 
 
 def columns_of(worlds: int) -> int:
-    """Pictures side by side, of so many worlds."""
+    """Return pictures side by side, of so many worlds."""
     return math.ceil(math.sqrt(worlds))
 
 

@@ -26,7 +26,7 @@ def add(commands: Any) -> None:
 
 
 def variants(options: argparse.Namespace) -> int:
-    """A line for each of the paper's variants, for each scenario of an installed package, and for each ablation."""
+    """List the paper's variants, the scenarios of installed packages and the ablations, a line for each."""
     width = terminal_width()
     print(text_table([(name, alias, VARIANTS[name].about) for alias, name in ALIASES.items()], width=width))
     _list_installed(width)
@@ -37,7 +37,7 @@ def variants(options: argparse.Namespace) -> int:
 
 
 def _list_installed(width: int | None) -> None:
-    """A line for each scenario of an installed package, and a warning for each that cannot be imported."""
+    """List the scenarios of installed packages, and warn of those that cannot be imported."""
     rows = []
     for name, entry in installed().items():
         try:

@@ -127,7 +127,10 @@ def import_files(options: argparse.Namespace) -> None:
 
 
 def scenario(options: argparse.Namespace, name: str = "") -> Scenario:
-    """The scenario that the options name; of several, the one of that name. Raises ScenarioError, NumberError."""
+    """Return the scenario that the options name; of several, the one of that name.
+
+    Raises ScenarioError, NumberError.
+    """
     import_files(options)
     asked = resolve(name or options.variant)
     walls = () if options.layout is None else named_layout(options.layout)
@@ -202,7 +205,7 @@ def add_seed(command: Parser) -> None:
 
 
 def add_number(command: Any, option: str, default: Any, text: str, least: int = 1, **more: Any) -> None:
-    """An option for an integer, of a command or a group. default: the number, or words for what it is without it."""
+    """Add an option for an integer. default: the number, or words for what it is without it."""
     kind, number = positive if least else nonnegative, default if isinstance(default, int) else None
     command.add_argument(option, type=kind, default=number, metavar="N", help=f"{text} (default: {default})", **more)
 
@@ -255,7 +258,7 @@ def announce(options: argparse.Namespace, text: str, address: str) -> None:
 
 
 def add_common(command: Parser, *options: str) -> None:
-    """Those of --threads, --record and --quiet that are named."""
+    """Add those of --threads, --record and --quiet that are named."""
     if "--threads" in options:
         add_number(command.group(MACHINE), "--threads", 1, "threads that share the worlds, with the same results")
     if "--record" in options:
@@ -267,7 +270,7 @@ def add_common(command: Parser, *options: str) -> None:
 
 
 def policy(text: str) -> str:
-    """The name of a policy, or the path of a saved one's file."""
+    """Return the name of a policy, or the path of a saved one's file."""
     try:
         return str(checked_entries([(text, 1)])[0][0])
     except UsageError as error:
@@ -275,7 +278,7 @@ def policy(text: str) -> str:
 
 
 def lineup(text: str) -> dict[str, float]:
-    """Weights by name of a policy, or by path of a saved one."""
+    """Return weights by name of a policy, or by path of a saved one."""
     try:
         return parse_lineup(text)
     except UsageError as error:
@@ -284,7 +287,7 @@ def lineup(text: str) -> dict[str, float]:
 
 @contextlib.contextmanager
 def messages_shown(name: str = "outlast", form: str = "outlast: %(message)s") -> Iterator[None]:
-    """Meanwhile show on stderr what the logger of that name and those below it get, except for deaths below it."""
+    """Show on stderr, within the block, what the logger and those below it get, except for deaths below it."""
     logger, handler = logging.getLogger(name), _BesideBars()
     level = logger.level
     handler.setFormatter(logging.Formatter(form))
@@ -308,36 +311,36 @@ class _BesideBars(logging.StreamHandler[TextIO]):
 
 
 def printable(path: str) -> str:
-    """The path, escaped where it is no UTF-8, which standard output may refuse."""
+    """Return the path, escaped where it is no UTF-8, which standard output may refuse."""
     return os.fsencode(path).decode(errors="backslashreplace")
 
 
 def path(text: str) -> str:
-    """The path of a file or folder; an empty one would be the current folder."""
+    """Return the path of a file or folder; an empty one would be the current folder."""
     if not text:
         raise argparse.ArgumentTypeError("the name of a file or folder is needed, not nothing")
     return text
 
 
 def positive(text: str) -> int:
-    """An integer of at least 1."""
+    """Return an integer of at least 1."""
     return count(text, 1)
 
 
 def nonnegative(text: str) -> int:
-    """An integer of at least 0."""
+    """Return an integer of at least 0."""
     return count(text, 0)
 
 
 def port(text: str) -> int:
-    """A port, or 0."""
+    """Return a port, or 0."""
     if not text.isdecimal() or int(text) > 65535:
         raise argparse.ArgumentTypeError(f"{text}: a port is needed, 1 to 65535, or 0 for a free one")
     return int(text)
 
 
 def allowed(text: str) -> str:
-    """A place NAME:PORT at which browsers may reach a page."""
+    """Return a place NAME:PORT at which browsers may reach a page."""
     try:
         checked_place(text)
     except PlayError as error:
@@ -346,12 +349,12 @@ def allowed(text: str) -> str:
 
 
 def seed(text: str) -> int:
-    """An integer from 0 to 2**64 - 1."""
+    """Return an integer from 0 to 2**64 - 1."""
     return count(text, 0, MAX_SEED)
 
 
 def count(text: str, least: int = 1, most: int = MAX_COUNT) -> int:
-    """An integer as people write them: 1000, 1_000, 1e3, 2.5e6. Raises argparse.ArgumentTypeError."""
+    """Return an integer as people write them: 1000, 1_000, 1e3, 2.5e6. Raises argparse.ArgumentTypeError."""
     try:
         value = Decimal(text)
     except InvalidOperation:
@@ -365,7 +368,10 @@ def count(text: str, least: int = 1, most: int = MAX_COUNT) -> int:
 
 
 def _varied(asked: Scenario, fixed: Mapping[str, str], options: argparse.Namespace) -> Scenario:
-    """The scenario with what --vary says. fixed: which option sets a number. Raises ScenarioError, NumberError."""
+    """Return the scenario with what --vary says.
+
+    fixed: which option sets a number. Raises ScenarioError, NumberError.
+    """
     parts = [_parts("--vary", text, "'melee_damage=integers(5, 20)'") for text in options.vary]
     drawn = {}
     for name, text in by_full_name(asked.find_number, parts).items():
@@ -388,7 +394,7 @@ def _parts(option: str, text: str, example: str = "n_agents=10") -> tuple[str, s
 
 
 def _value(text: str, now: Any) -> Any:
-    """The value of a text, of the type of another value; the text if it is none, which is then refused by its name."""
+    """Convert a text to the type of another value; return the text, which is refused later, if it has no such value."""
     if isinstance(now, tuple):  # 8,4 or (8, 4)
         return tuple(_value(part, 1.0) for part in text.strip("()[]").rstrip(",").split(","))
     if isinstance(now, bool):

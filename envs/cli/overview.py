@@ -22,7 +22,7 @@ def overview(program: str, commands: Any) -> str:
 
 
 def sections(commands: Any) -> dict[str, list[str]]:
-    """The names of the commands that there are, by section."""
+    """Return the names of the commands that there are, by section."""
     known = {name for names in SECTIONS.values() for name in names}
     more = {"more": [name for name in commands.choices if name not in known]}
     found = {title: [name for name in names if name in commands.choices] for title, names in SECTIONS.items()} | more
@@ -30,5 +30,5 @@ def sections(commands: Any) -> dict[str, list[str]]:
 
 
 def summaries(commands: Any) -> dict[str, str]:
-    """The line about each command, by name."""
+    """Return the line about each command, by name."""
     return {choice.dest: choice.help or "" for choice in commands._choices_actions}

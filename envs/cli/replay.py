@@ -89,7 +89,7 @@ def _check_events(path: str) -> None:
 
 
 def numbers(text: str) -> list[int]:
-    """Numbers with commas between them."""
+    """Return numbers with commas between them."""
     return [nonnegative(part) for part in text.split(",")]
 
 
@@ -110,7 +110,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _check(options: argparse.Namespace, products: bool) -> None:
-    """Errors for options that would have no effect."""
+    """Refuse options that would have no effect."""
     if options.out is None and (unused := video_options.given(options)):
         raise RecordingError(f"{', '.join(unused)}: for pictures and films only; give --out PATH")
     if options.beside is not None and options.html is None:
@@ -124,7 +124,7 @@ def _check(options: argparse.Namespace, products: bool) -> None:
 
 
 def _open(options: argparse.Namespace) -> Recording:
-    """The recording, if it has what the options ask for; `last` becomes the number of a tick, `to` is as asked for."""
+    """Return the recording, if it has what the options ask for, and the number of its last tick."""
     import_files(options)
     recording = _recording(options.file, options.trust)
     options.to, options.last = options.last, last_tick(recording, options.first, options.last)
@@ -205,7 +205,7 @@ PRODUCTS = {"out": _film, "html": _page, "data": _data, "events": _events}
 
 
 def _selected(options: argparse.Namespace, replay: Replay, most: int) -> tuple[Sequence[int], Iterator[int]]:
-    """The worlds that are asked for, or the first `most`; and the ticks that are asked for, if they take part."""
+    """Return the worlds that are asked for, or the first `most`, and the ticks, if these are among them."""
     asked, count = options.worlds, min(most, replay.worlds.count)
     worlds = list(range(count)) if asked is None else rows_of(replay.recording, asked)
     return worlds, replay.ticks(options.verify, first=options.first, last=options.last, worlds=worlds)

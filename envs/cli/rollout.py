@@ -110,7 +110,7 @@ def _check_summary(path: str) -> None:
 
 
 def _summary(text: str) -> str:
-    """The file of a summary, or STDOUT."""
+    """Return the file of a summary, or STDOUT."""
     return text if text == STDOUT else written(_check_summary)(text)
 
 
@@ -134,7 +134,7 @@ def run(options: argparse.Namespace) -> int:
 
 @contextlib.contextmanager
 def _here(options: argparse.Namespace, asked: Scenario) -> Iterator[tuple[int, Work]]:
-    """The number of agents in a world, and what rolls out on this machine."""
+    """Yield the number of agents in a world, and what rolls out on this machine."""
     settings = {name: getattr(options, name) for name in ("seed", "threads", "specialize", "interpret")}
     files = {name: getattr(options, name) for name in ("record", "record_policy", "events", "csv")}
     made = worlds_of(asked, options.policy, options.others, options.worlds, **settings)
@@ -144,7 +144,7 @@ def _here(options: argparse.Namespace, asked: Scenario) -> Iterator[tuple[int, W
 
 @contextlib.contextmanager
 def _on_ray(options: argparse.Namespace, asked: Scenario) -> Iterator[tuple[int, Work]]:
-    """The same on a Ray cluster."""
+    """Yield the same on a Ray cluster."""
     here = ("log_deaths", "record", "record_policy", "events", "csv", "specialize", "interpret")
     if options.threads > 1 or any(getattr(options, name) for name in here):
         given = "--threads, --log-deaths, --record, --record-policy, --events, --csv, --specialize and --interpret"
@@ -232,7 +232,7 @@ def _heading(options: argparse.Namespace, asked: Scenario, summary: Summary, sec
 
 
 def _shares(summary: Summary, seconds: float) -> str:
-    """Of the time: the policy, the worlds, and the rest, which is statistics and files."""
+    """Describe the shares of time: the policy, the worlds, and the rest, which is statistics and files."""
     parts = {**summary.seconds, "rest": seconds - sum(summary.seconds.values())}
     return " (" + ", ".join(f"{name} {part / seconds:.0%}" for name, part in parts.items()) + ")"
 

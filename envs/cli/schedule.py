@@ -61,7 +61,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def uses(worlds: Worlds) -> list[ComponentUse]:
-    """Every component of these worlds, in the order of storage."""
+    """Return every component of these worlds, in the order of storage."""
     return [_use(worlds, component) for component in worlds.components]
 
 
@@ -82,7 +82,7 @@ def _use(worlds: Worlds, component: type[Component]) -> ComponentUse:
 
 
 def as_text(rows: list[ComponentUse]) -> str:
-    """Columns of text, one archetype or system a line."""
+    """Return columns of text, one archetype or system a line."""
     heads = ("component", "kind", "archetypes", "written by", "read by")
     cells = [([row.component], [row.kind], *row[2:]) for row in rows]
     return text_table([line for row in cells for line in zip_longest(*row, fillvalue="")], heads)

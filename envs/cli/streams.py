@@ -16,7 +16,7 @@ GONE = (errno.EPIPE, errno.EIO, *([errno.EINVAL] if os.name == "nt" else []))
 
 @contextlib.contextmanager
 def standard_streams() -> Iterator[None]:
-    """A context in which no reader of standard output or standard error can stop a command by going away.
+    """Yield a context in which no reader of standard output or standard error can stop a command by going away.
 
     The command does its work and returns its status, and the rest of its text is dropped. Text for standard error is
     also dropped after any other error; what cannot be written to standard output for another reason, such as a full

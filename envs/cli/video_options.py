@@ -36,7 +36,7 @@ def add(command: Parser, required: bool) -> None:
 
 
 def grid(text: str) -> tuple[int, int]:
-    """Rows and columns, as in 4x4."""
+    """Return rows and columns, as in 4x4."""
     rows, _, columns = text.lower().partition("x")
     if not (rows.isdecimal() and columns.isdecimal() and int(rows) * int(columns)):
         raise argparse.ArgumentTypeError(f"{text}: rows x columns are needed, as in 4x4")
@@ -44,7 +44,7 @@ def grid(text: str) -> tuple[int, int]:
 
 
 def given(options: argparse.Namespace) -> list[str]:
-    """Those of the options for --out that are not at their defaults."""
+    """Return those of the options for --out that are not at their defaults."""
     return [f"--{name}" for name, default in DEFAULTS.items() if getattr(options, name) != default]
 
 

@@ -131,7 +131,7 @@ def exclusive_step(call: Step) -> Step:
 
 
 def check_callable(env: Any) -> None:
-    """Raises ClosedError after close(), and PendingError between send() and recv()."""
+    """Refuse calls after close() (ClosedError) and between send() and recv() (PendingError)."""
     if env.closed:
         raise ClosedError("the environment is closed; make a new one")
     env._guard.check_owner()

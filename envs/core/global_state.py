@@ -41,7 +41,7 @@ class GlobalState:
     """
 
     def __init__(self, worlds: Worlds, scaled: bool = False) -> None:
-        """scaled: whether to divide by the scales, wrap angles and clip numbers without bounds, like scaling.Scale."""
+        """Prepare it. scaled: divide by the scales, wrap angles and clip numbers without bounds, like scaling.Scale."""
         rows = worlds.layout.rows
         self.worlds, self.first = worlds, worlds.span("agent").start
         self.agents, self.items = rows(Side), rows(Item, Body)
@@ -60,7 +60,7 @@ class GlobalState:
         self.space = spaces.Box(low, high, dtype=np.float32)
 
     def __call__(self, w: int | slice = 0) -> Array:
-        """The vector of world `w`, or of some worlds, (worlds, numbers): a new array."""
+        """Return the vector of world `w`, or of some worlds, (worlds, numbers): a new array."""
         parts = [self._agents(w), self._objects(w), self._items(w), self._walls(w)]
         parts += [self._bodies(w), self._numbers(w)]
         if ZoneView in self.worlds:

@@ -76,7 +76,7 @@ class Observations:
         return each(room, read_only)
 
     def _rows(self, lists: VisibleRows, copy: bool) -> Arrays:
-        """The observations with lists of rows."""
+        """Return the observations with lists of rows."""
         found = lists()
         if self.scaled or copy:
             found = {key: array.copy() for key, array in found.items()}

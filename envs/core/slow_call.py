@@ -13,7 +13,7 @@ LOGGER = logging.getLogger("outlast")
 
 @contextlib.contextmanager
 def announce_compilation(worlds: Worlds, name: str) -> Iterator[None]:
-    """If systems are being compiled, log at level INFO how many, and how long it took (the cache logs the progress)."""
+    """Log at level INFO how many systems are compiled, and how long it took (the cache logs the progress)."""
     if not (count := len(worlds.uncompiled)):
         yield
         return

@@ -69,7 +69,7 @@ class VisibleRows:
     """
 
     def __init__(self, observations: Mapping[str, Array]) -> None:
-        """observations: float32 (worlds, agents, ...) by key; each call reads what is in them then."""
+        """Keep the observations, float32 (worlds, agents, ...) by key; each call reads what is in them then."""
         self.kinds = [key for key in observations if key + MASK in observations]
         masks = {key + MASK for key in self.kinds}
         self._all = {key: None if key in self.kinds else each for key, each in observations.items() if key not in masks}

@@ -61,7 +61,7 @@ def event_table(
 
 
 def _part(layout: MemoryLayout, event: type[Event], rows: Array) -> dict[str, Array]:
-    """The table of the events of one kind."""
+    """Return the table of the events of one kind."""
     words = _words(layout)
     rest = [name for name in event.columns if name not in (COUNT, event.who, event.whom)]
     amount = next((name for name in rest if name == "amount" and rows[name].ndim == 1), None)

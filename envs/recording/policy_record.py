@@ -29,7 +29,7 @@ class Explainer(Protocol):
     entities: list[tuple[str, int]]  # (key of the observation, number of rows) of each kind that it attends to
 
     def __call__(self, observations: Any) -> tuple[Array, Array, Array]:
-        """Values (worlds, agents), probabilities (worlds, agents, values), attention (worlds, agents, rows)."""
+        """Return values (worlds, agents), probabilities (worlds, agents, values), attention (worlds, agents, rows)."""
 
 
 class PolicyRecorder:

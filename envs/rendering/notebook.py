@@ -20,7 +20,7 @@ class Pictured:
 
 
 def png(image: np.ndarray[Any, Any]) -> bytes:
-    """An RGB picture, uint8 (height, width, 3), as the bytes of a PNG file."""
+    """Return an RGB picture, uint8 (height, width, 3), as the bytes of a PNG file."""
     import cv2
 
     done, encoded = cv2.imencode(".png", image[..., ::-1])

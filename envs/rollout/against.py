@@ -60,7 +60,7 @@ class Against:
         self._standings.begin(where)
 
     def __call__(self, observations: Arrays) -> Actions:
-        """The actions of all agents, integers (worlds, agents, actions)."""
+        """Return the actions of all agents, integers (worlds, agents, actions)."""
         return np.where(self.plays()[..., None], self.policy(observations), self._others(observations))
 
     def plays(self) -> Array:

@@ -311,7 +311,7 @@ class Lineup:
         return self({key: values.copy() for key, values in seen.items()} if self._foreign else seen)
 
     def __call__(self, observations: Arrays) -> Actions:
-        """The actions, integers (worlds, agents, actions). Raises ActionError."""
+        """Return the actions, integers (worlds, agents, actions). Raises ActionError."""
         if len(self.names) == 1:
             return self._actions(0, observations)
         joint = np.empty(self._shape, np.int64)

@@ -88,5 +88,5 @@ def wins(come: Array) -> Array:
 
 
 def _beats(one: Array, other: Array) -> Array:
-    """1 where one is more than the other, 0 where it is less, 0.5 where neither is: float64."""
+    """Return 1 where one is more than the other, 0 where it is less, 0.5 where neither is: float64."""
     return np.where(one > other, 1.0, np.where(one < other, 0.0, 0.5))

@@ -73,7 +73,7 @@ def style_policy(style: str, env: SurvivalVectorEnv) -> Policy:
 
 
 def made_by_make_vec(env: SurvivalVectorEnv) -> SurvivalVectorEnv:
-    """The environment. Raises UsageError if it is something else."""
+    """Return the environment. Raises UsageError if it is something else."""
     if not isinstance(env, SurvivalVectorEnv):
         raise UsageError(
             f"a policy is made for what make_vec returns, as in scripted_policy(env), not for {type(env).__name__}: "
@@ -267,7 +267,7 @@ def joint_action_sampler(sizes: Any) -> Callable[[Any], Actions]:
 
 
 def mix64(words: Any) -> Any:
-    """The mixing function of SplitMix64, on uint64: every bit of the result depends on all bits."""
+    """Return the mixing function of SplitMix64, on uint64: every bit of the result depends on all bits."""
     words = (words ^ (words >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     words = (words ^ (words >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     return words ^ (words >> np.uint64(31))

@@ -394,7 +394,7 @@ class Scenario:
             raise ScenarioError(f"{name} is no scenario: {error}") from error
 
     def __getitem__(self, kind: type[Module] | str) -> Module:
-        """The mechanic of this class or name."""
+        """Return the mechanic of this class or name."""
         return self._find(kind)
 
     def __contains__(self, kind: type[Module] | str) -> bool:

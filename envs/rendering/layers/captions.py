@@ -23,7 +23,7 @@ class StepCounterLayer(Layer):
     zorder = ZOrder.WORDS
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """In the margin, which nothing of the game reaches."""
+        """Write in the margin, which nothing of the game reaches."""
         if (place := margin_line(canvas, scene, 1)) is not None:
             y, height = place
             canvas.text(-scene.room, y, f"tick {scene[Clock].tick[0]}", height, PAPER, anchor=0)
@@ -44,7 +44,7 @@ class KillFeedLayer(Layer):
     fading: int = 60  # ticks in which it fades after that
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """In the margin, which nothing of the game reaches."""
+        """Write in the margin, which nothing of the game reaches."""
         if (place := margin_line(canvas, scene, -1)) is not None:
             self.write(canvas, scene, scene.room, *place, WALL)
 
