@@ -120,7 +120,7 @@ class Evaluation:
         return elo(wins, draws) if len(self.chosen) > 1 and linked(wins + wins.T + draws) else None
 
     def groups(self) -> Groups | None:
-        """Ratings and wins of groups of runs that differ by their seeds only, with intervals over seeds and games.
+        """Rate groups of runs that differ by their seeds only, with intervals over seeds and games.
 
         None if no such group has several runs or there is only one group, and until all pairings are complete. Raises
         TrainingError if two of the policies are the same run, or runs of one seed.
@@ -153,7 +153,7 @@ class Evaluation:
         self.env.close()
 
     def _games(self) -> tuple[Array, Array]:
-        """Games that each policy won against each other, and draws, (policies, policies) both; 0 against itself."""
+        """Count the games that each policy won against each other, and draws, both (policies, policies)."""
         wins, draws = np.zeros((2, len(self.chosen), len(self.chosen)))
         for pairing in self.pairings:
             i, j = pairing.pair
@@ -332,7 +332,7 @@ def _ratings(evaluation: Evaluation) -> str:
 
 
 def _wins(evaluation: Evaluation, width: int | None) -> str:
-    """Shares of episodes that each policy wins against each other; draws count half."""
+    """Return shares of episodes that each policy wins against each other; draws count half."""
     labels = [contender.label for contender in evaluation.chosen]
     rates = {names: figures["wins"] for names, figures in _rows(evaluation)}
     rows = [(one, *(_cell(*rates.get((one, other), (np.nan, 0))) for other in labels)) for one in labels]
@@ -340,7 +340,7 @@ def _wins(evaluation: Evaluation, width: int | None) -> str:
 
 
 def _sides(evaluation: Evaluation) -> str:
-    """A line on the pairing in which the share of wins depends most on the side played; "" if it does in none."""
+    """Name the pairing in which the share of wins depends most on the side played; "" if it does in none."""
     found = {}
     for pair, figures in _rows(evaluation):
         (first, one), (second, other) = figures["wins_first"], figures["wins_second"]
@@ -356,7 +356,7 @@ def _sides(evaluation: Evaluation) -> str:
 
 
 def _groups(evaluation: Evaluation, width: int | None) -> Iterator[str]:
-    """Tables of groups of runs, and a line on the policies whose errors say nothing about other seeds."""
+    """Yield tables of groups of runs, and a line on the policies whose errors say nothing about other seeds."""
     try:
         groups, found = group_policies(evaluation.chosen), evaluation.groups()
     except TrainingError as error:
@@ -370,7 +370,7 @@ def _groups(evaluation: Evaluation, width: int | None) -> Iterator[str]:
 
 
 def _group_tables(evaluation: Evaluation, found: Groups, width: int | None) -> Iterator[str]:
-    """The ratings of groups, and their shares of games won."""
+    """Yield the ratings of groups, and their shares of games won."""
     names = [group.label for group in found.groups]
     ends = {(name, against): (runs, *three) for name, runs, against, _, *three in _group_rows(evaluation)}
     rows = [
@@ -387,7 +387,7 @@ def _group_tables(evaluation: Evaluation, found: Groups, width: int | None) -> I
 
 
 def _group_rows(evaluation: Evaluation) -> list[tuple[Any, ...]]:
-    """The rows of groups.csv; none where there is no table of groups."""
+    """Return the rows of groups.csv; none where there is no table of groups."""
     try:
         found = evaluation.groups()
     except TrainingError:
@@ -425,14 +425,14 @@ def _cell(mean: float, error: float) -> str:
 
 
 def _rated(evaluation: Evaluation) -> list[tuple[str, float, float]]:
-    """Label, rating and its error of each policy; empty until games join all policies."""
+    """Return label, rating and its error of each policy; empty until games join all policies."""
     found = evaluation.ratings()
     labels = [contender.label for contender in evaluation.chosen]
     return [] if found is None else [(label, float(r), float(e)) for label, r, e in zip(labels, *found, strict=True)]
 
 
 def _rows(evaluation: Evaluation) -> list[tuple[tuple[str, str], Estimates]]:
-    """The estimates of each policy, by its label and that of its opponent, in their order; against itself once."""
+    """Return the estimates by the labels of a policy and its opponent, in their order; against itself once."""
     labels, found = [contender.label for contender in evaluation.chosen], dict[tuple[int, ...], Estimates]()
     for pairing in evaluation.pairings:
         found |= {pairing.pair[:: 1 - 2 * role]: pairing.estimates(role) for role in (1, 0)}
@@ -452,5 +452,5 @@ def _pairing(evaluation: Evaluation, pairing: Pairing) -> dict[str, Any]:
 
 
 def _json(value: Any) -> Any:
-    """The value as JSON has it, with null in place of NaN and infinity."""
+    """Return the value as JSON has it, with null in place of NaN and infinity."""
     return json.loads(json.dumps(value), parse_constant=lambda name: None)

@@ -72,6 +72,6 @@ def _shortened(name: str, most: int) -> str:
 
 
 def _sides(count: int, world: int, episode: int) -> list[str]:
-    """The sides that each role plays in an episode: "side 0", "sides 0 2"."""
+    """Return the sides that each role plays in an episode: "side 0", "sides 0 2"."""
     own = [[side for side in range(count) if role_of(side, world, episode) == role] for role in range(ROLES)]
     return [f"side{'s' * (len(each) > 1)} {' '.join(map(str, each))}" for each in own]

@@ -61,7 +61,10 @@ def group_policies(chosen: Sequence[Contender]) -> list[PolicyGroup]:
 
 
 def _run(contender: Contender) -> Run | None:
-    """The run that a policy is from, up to its checkpoint. None if the policy does not say how it was trained."""
+    """Return the run that a policy is from, up to its checkpoint.
+
+    None if the policy does not say how it was trained.
+    """
     if contender.player is None or not contender.player.header["plan"]:
         return None
     header = contender.player.header
@@ -70,7 +73,7 @@ def _run(contender: Contender) -> Run | None:
 
 
 def rate_groups(groups: Sequence[PolicyGroup], wins: Array, draws: Array, seed: int, reps: int = REPS) -> Groups:
-    """Ratings and wins of groups, with 95 % bootstrap intervals over runs and over games.
+    """Return ratings and wins of groups, with 95 % bootstrap intervals over runs and over games.
 
     Each resampling draws, with replacement, as many runs from a group as it has, and draws the games of each pairing
     anew. The wins between two groups are the means over the pairings of their runs, so that groups of more runs weigh
@@ -105,7 +108,7 @@ def _drawn(group: PolicyGroup, policies: int, generator: np.random.Generator, re
 
 
 def _replayed(wins: Array, draws: Array, generator: np.random.Generator, reps: int) -> tuple[Array, Array]:
-    """Wins and draws, (reps, policies, policies) each, when the games of every pairing are drawn anew.
+    """Return wins and draws, (reps, policies, policies) each, when the games of every pairing are drawn anew.
 
     A Bayesian bootstrap: each game is weighted by a draw from an exponential distribution. As in `elo`, half a game won
     and half a game lost are added: chances are drawn as with Jeffreys' prior, and none is 0 or 1.
@@ -120,7 +123,7 @@ def _replayed(wins: Array, draws: Array, generator: np.random.Generator, reps: i
 
 
 def _mixed(weights: Array, wins: Array, draws: Array) -> tuple[Array, Array]:
-    """Wins and draws, (reps, groups, groups) each, of groups that are mixtures of policies.
+    """Return wins and draws, (reps, groups, groups) each, of groups that are mixtures of policies.
 
     weights: (reps, groups, policies), which add up to 1 for each group.
     """
@@ -129,7 +132,7 @@ def _mixed(weights: Array, wins: Array, draws: Array) -> tuple[Array, Array]:
 
 
 def _shares(won: Array, drawn: Array) -> Array:
-    """The shares of games that groups win, (reps, groups, groups): a draw counts half."""
+    """Return the shares of games that groups win, (reps, groups, groups): a draw counts half."""
     games = won + won.transpose(0, 2, 1) + drawn
     games[:, np.eye(games.shape[1], dtype=bool)] = np.nan
     shares: Array = (won + drawn / 2) / games

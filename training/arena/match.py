@@ -42,7 +42,7 @@ class MatchResults:
         figure[where] = np.stack(np.broadcast_arrays(values, counts), -1)
 
     def typical(self) -> tuple[int, int]:
-        """World and number of the first episode that has the median length, the lower one if there are two medians."""
+        """Return world and number of the first episode of median length, the lower one of two medians."""
         length = self.figures["length"][:, :, 0, 0]
         median = np.sort(length, axis=None)[(length.size - 1) // 2]
         world, episode = np.argwhere(length == median)[0]
@@ -150,7 +150,7 @@ class Pairing:
     results: MatchResults
 
     def estimates(self, role: int) -> Estimates:
-        """Estimates for the policy in that role. NaN where there was nothing to measure."""
+        """Return estimates for the policy in that role. NaN where there was nothing to measure."""
         return {name: ratio(figure[:, :, role].reshape(-1, 2)) for name, figure in self.results.figures.items()}
 
     def won_drawn_lost(self) -> tuple[int, int, int]:
@@ -160,7 +160,7 @@ class Pairing:
 
 
 def ratio(pairs: Array) -> tuple[float, float]:
-    """The sum of all sums over the sum of all counts, and its standard error to first order.
+    """Return the sum of all sums over the sum of all counts, and its standard error to first order.
 
     pairs: float64 (episodes, 2), sums and counts; if all counts are 1, this is a mean and its error. Both are NaN if
     all counts are 0; the error also if all but one are.

@@ -131,7 +131,7 @@ class OpponentPool:
         return self.weights.keys() <= {SELF}
 
     def chances(self) -> tuple[Array, Array]:
-        """Indices that can be drawn, int, and their weights, float64 of the same length."""
+        """Return indices that can be drawn, int, and their weights, float64 of the same length."""
         shares = {k: one.weight for k, one in self.all.items() if not one.past}
         for k in self.past:
             shares[k] = self.weights[PAST] / len(self.past)
@@ -268,12 +268,12 @@ def is_past(name: str) -> bool:
 
 
 def frozen(policy: Networks) -> Networks:
-    """A copy of a policy that is not trained any further."""
+    """Return a copy of a policy that is not trained any further."""
     return deepcopy(policy).requires_grad_(False)
 
 
 def plain(name: str, env: SurvivalVectorEnv) -> Plain:
-    """The policy of a name, as a function of some agents' observations and uniform numbers, see Opponent.plain."""
+    """Return a policy by name, as a function of agents' observations and uniform numbers, see Opponent.plain."""
     if name == "random":
         return lambda observations, uniform: (uniform * env.action_sizes).astype(np.int64)
     if name == "noop":

@@ -34,7 +34,7 @@ class Contender:
     """
 
     def __init__(self, label: str, policy: str | Policy) -> None:
-        """policy: A name, the path of a checkpoint, or a function (observations) -> actions. Raises TrainingError."""
+        """Take a name, the path of a checkpoint, or a function (observations) -> actions. Raises TrainingError."""
         self.label, self.player = label, policy if isinstance(policy, Player) else None
         self.text = policy if isinstance(policy, str) else getattr(policy, "__name__", type(policy).__name__)
         self._function = None if isinstance(policy, (str, Player)) else policy
@@ -79,7 +79,7 @@ class Contender:
         return act
 
     def _checked(self, function: Policy, env: SurvivalVectorEnv) -> Policy:
-        """A user's function, whose actions are checked."""
+        """Return a user's function, whose actions are checked."""
         shape, playing = (env.num_worlds, env.num_agents, len(env.action_sizes)), told(function, env)
         what, axes = f"the actions that {self.label} returned", "(worlds, agents, actions)"
         keys = [key for key, _ in env.action_columns]
@@ -123,7 +123,7 @@ def _labelled(label: str, policy: Given) -> Contender:
 
 
 def _expanded(policy: Given) -> list[tuple[str, str | Policy]]:
-    """Pairs of a text to make a label from, and a policy, which is no folder."""
+    """Return pairs of a text to make a label from, and a policy, which is no folder."""
     if not isinstance(policy, (str, Path)):
         checked_entries([(policy, 1)])
         return [(getattr(policy, "__name__", type(policy).__name__), policy)]
@@ -138,7 +138,7 @@ def _expanded(policy: Given) -> list[tuple[str, str | Policy]]:
 
 
 def labels(texts: Sequence[str]) -> list[str]:
-    """A unique label for each text; of a path, as few parts from its end as that takes. Raises TrainingError."""
+    """Return a unique label for each text; of a path, as few parts from its end as that takes. Raises TrainingError."""
     whole = [_parts(text) for text in texts]
     if len(set(whole)) < len(whole):
         raise TrainingError(f"a policy is named twice: {', '.join(texts)}")
@@ -146,7 +146,7 @@ def labels(texts: Sequence[str]) -> list[str]:
 
 
 def _parts(text: str) -> tuple[str, ...]:
-    """Parts of a path, without the ending of a file; a name as it is."""
+    """Return parts of a path, without the ending of a file; a name as it is."""
     if text in POLICIES or is_own(text) or not (is_saved(text) or re.search(r"[/\\]", text)):
         return (text,)
     if text in models():

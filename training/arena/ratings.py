@@ -33,7 +33,7 @@ def linked(games: Array) -> bool:
 
 
 def elo(wins: Array, draws: Array, added: float = 0.5) -> tuple[Array, Array]:
-    """Ratings and their standard errors, float64 (..., players) each; the ratings' mean is 1000.
+    """Return ratings and their standard errors, float64 (..., players) each; the ratings' mean is 1000.
 
     wins[i, j]: games that i won against j; draws[i, j] = draws[j, i]: half a win for both. If two have met, `added`
     games that i won and as many that j won are counted, too, so that ratings stay finite where one always wins. Errors
@@ -54,7 +54,7 @@ def elo(wins: Array, draws: Array, added: float = 0.5) -> tuple[Array, Array]:
 
 
 def anchored(wins: Array, draws: Array, losses: Array, fixed: Array) -> tuple[Array, Array]:
-    """Ratings of players against opponents whose ratings are fixed, and their standard errors.
+    """Return ratings of players against opponents whose ratings are fixed, and their standard errors.
 
     A rating is the one under which a player's expected score against all of its opponents is the score that it had. It
     depends on nothing but these games, so it can be compared with ratings of other players against the same
@@ -105,7 +105,7 @@ def _check_anchored(wins: Array, draws: Array, losses: Array, fixed: Array) -> N
 
 
 def _fitted(games: Array, score: Array) -> Array:
-    """The log odds, of mean 0, under which all players' expected scores are those that they had: Newton's method."""
+    """Find the log odds, of mean 0, under which players' expected scores equal their scores, by Newton's method."""
     odds: Array = np.zeros(games.shape[:-1])
     for _ in range(MOST):
         curvature = _laplacian(games * _slope(odds))
@@ -120,7 +120,7 @@ def _fitted(games: Array, score: Array) -> Array:
 
 
 def _expected(odds: Array) -> Array:
-    """The expected score of a game of i against j: (..., players, players)."""
+    """Return the expected score of a game of i against j: (..., players, players)."""
     expected: Array = 1 / (1 + np.exp(odds[..., None, :] - odds[..., :, None]))
     return expected
 
@@ -132,6 +132,6 @@ def _slope(odds: Array) -> Array:
 
 
 def _laplacian(weights: Array) -> Array:
-    """The sum over pairs of weight * (e_i - e_j)(e_i - e_j)^T, for symmetric weights."""
+    """Return the sum over pairs of weight * (e_i - e_j)(e_i - e_j)^T, for symmetric weights."""
     laplacian: Array = np.eye(weights.shape[-1]) * weights.sum(-1)[..., None] - weights
     return laplacian

@@ -32,7 +32,7 @@ class Anneal:
         return f"{self.name}={self.first!r}:{self.last!r}@{self.steps}"
 
     def value(self, done: int, scenario: Scenario) -> float:
-        """The value after `done` agent-steps, rounded if the scenario has an integer there."""
+        """Return the value after `done` agent-steps, rounded if the scenario has an integer there."""
         share = min(1.0, done / max(1, self.steps))  # a run of no steps is at its beginning
         value = (1 - share) * self.first + share * self.last
         return round(value) if type(kept(scenario, self.name)) is int else value

@@ -58,7 +58,7 @@ def average(runs: Sequence[Curves], tag: str, *, common: bool = False) -> Moving
 
 
 def smooth(values: Array) -> Array:
-    """The moving average over the points around each point, which are fewer at both ends; NaNs are left out."""
+    """Return the moving average over the points around each point, which are fewer at both ends; NaNs are left out."""
     half = window_size(len(values)) // 2
     there = np.isfinite(values)
     sums = np.concatenate([[0.0], np.cumsum(np.where(there, values, 0.0), dtype=np.float64)])
@@ -83,7 +83,7 @@ def end_value(values: Array) -> EndValue:
 
 
 def interval(values: Sequence[float]) -> tuple[float, float]:
-    """The 95 % confidence interval of a mean by Student's t: lower and upper end, both NaN for a single value."""
+    """Return the 95 % interval of a mean by Student's t: lower and upper end, NaN for a single value."""
     count = len(values)
     if count < 2:
         return float("nan"), float("nan")

@@ -392,7 +392,7 @@ class Workload:
 
     @classmethod
     def of(cls, config: TrainingConfig) -> "Workload":
-        """The workload of a run."""
+        """Return the workload of a run."""
         (worlds, rollout), agents = config.size, config.agents
         return cls(config.steps, rollout * agents, (worlds, rollout // worlds, agents))
 

@@ -39,7 +39,7 @@ class Quantity:
         return fits and tag.startswith(self.tag)
 
     def side(self, tag: str) -> int:
-        """The number of the agent or team in a tag; -1 if the quantity is not sided."""
+        """Return the number of the agent or team in a tag; -1 if the quantity is not sided."""
         return int(tag[len(self.tag) :]) if self.sided else -1
 
 
@@ -88,7 +88,7 @@ def rounded(curves: Curves, digits: int) -> Curves:
 
 
 def _means(values: Array, starts: Array) -> Array:
-    """The means of parts that begin at `starts`, without NaN; NaN where there is nothing else."""
+    """Return the means of parts that begin at `starts`, without NaN; NaN where there is nothing else."""
     there = np.isfinite(values)
     counts = np.add.reduceat(there, starts, dtype=np.float64)
     sums = np.add.reduceat(np.where(there, values, 0), starts, dtype=np.float64)
@@ -97,7 +97,7 @@ def _means(values: Array, starts: Array) -> Array:
 
 
 def curves_of_log(path: Path, known: Callable[[str], bool]) -> Curves:
-    """The curves in the log of a run.
+    """Return the curves in the log of a run.
 
     Raises EmptyRunError: no episode has ended in it yet. Raises TrainingError: it is no log, or has numbers that cannot
     be drawn.
@@ -117,7 +117,7 @@ def curves_of_log(path: Path, known: Callable[[str], bool]) -> Curves:
 
 
 def _spread(rows: list[tuple[int, float]], steps: Array) -> Array:
-    """The values at all steps, NaN where there is none."""
+    """Return the values at all steps, NaN where there is none."""
     values = np.full(len(steps), np.nan, np.float32)
     own = [value if abs(value) < BEYOND else np.nan for _, value in rows]
     values[np.searchsorted(steps, [step for step, _ in rows])] = own
@@ -187,7 +187,7 @@ def _columns(tags: Sequence[str], rows: Sequence[Sequence[str]]) -> Curves:
 
 
 def _numbers(column: Sequence[str]) -> Array:
-    """The numbers of a column, float64, NaN for an empty cell. Raises ValueError."""
+    """Return the numbers of a column, float64, NaN for an empty cell. Raises ValueError."""
     numbers = np.array([float(text or "nan") for text in column])
     for text, number in zip(column, numbers, strict=True):
         if text and not abs(number) < BEYOND:

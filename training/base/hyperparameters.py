@@ -94,7 +94,7 @@ class Hyperparameters:
         return {policy: self.changed(given[""] | own) for policy, own in given.items()}
 
     def changed(self, settings: Mapping[str, Any]) -> "Hyperparameters":
-        """A copy with other settings. Raises TrainingError for unknown names and impossible values."""
+        """Return a copy with other settings. Raises TrainingError for unknown names and impossible values."""
         for name in settings:
             if name not in KINDS:
                 raise TrainingError(f"PPO has no number '{name}'; {meant(name, KINDS)}")
@@ -106,7 +106,7 @@ RANGES: dict[str, Range] = {each.name: each.metadata["range"] for each in fields
 
 
 def example(name: str) -> str:
-    """Say what kind of value a hyperparameter has, in words."""
+    """Describe in words what kind of value a hyperparameter has."""
     if KINDS[name] is bool:
         return "true or false"
     return f"a {'whole ' * (KINDS[name] is int)}number like {getattr(Hyperparameters, name)}"

@@ -34,7 +34,7 @@ def read_log(path: Path) -> Points:
 
 
 def _row(path: Path, number: int, line: str) -> tuple[str, int, float]:
-    """The tag, the step and the value of a line. Raises TrainingError."""
+    """Return the tag, the step and the value of a line. Raises TrainingError."""
     try:
         tag, step, value = _fields(line)
         if 0 <= int(step) <= LAST:
@@ -45,7 +45,7 @@ def _row(path: Path, number: int, line: str) -> tuple[str, int, float]:
 
 
 def _fields(line: str) -> tuple[str, str, str]:
-    """The tag, which may be in quotes, the step and the value of a row. Raises ValueError for any other row."""
+    """Return the tag, which may be in quotes, the step and the value of a row. Raises ValueError for any other row."""
     tag, step, value = line.rsplit(",", 2)
     if tag[:1] == tag[-1:] == '"':  # as the module csv writes a tag with a comma, such as of a path
         return tag[1:-1].replace('""', '"'), step, value

@@ -31,7 +31,7 @@ def check_statistics(env: SurvivalVectorEnv, *names: str) -> None:
 
 
 def means_of_sides(values: Array, sides: Array, count: int) -> tuple[Array, Array]:
-    """The means over the agents of each side, whom roles may pay differently.
+    """Return the means over the agents of each side, whom roles may pay differently.
 
     Returns the means, (worlds, sides), 0 for sides without agents; and which sides have agents, bool (worlds, sides).
 
@@ -77,7 +77,7 @@ class EpisodeMetrics:
             self.sums[key] = self.sums.get(key, 0) + values.sum(0, dtype=np.float64)
 
     def tallies(self) -> Tallies:
-        """Tallies of the episodes since the last call. A team's return is the mean over those of its agents that learn.
+        """Add up the episodes since the last call. A team's return is the mean over those of its agents that learn.
 
         The mean of a side is over the episodes that have it; where some lack sides, "rollout/kills" is that of all.
         """
@@ -125,7 +125,7 @@ class BehaviourMetrics:
         return np.bincount(place, minlength=len(holder) * count).reshape(len(holder), count)
 
     def gifts(self) -> Array:
-        """Heals that each agent gave to another in this step, int (worlds, agents); 0 for agents that have died."""
+        """Count the heals that each agent gave in this step, int (worlds, agents); 0 for agents that have died."""
         worlds, given = self.base_env.worlds, np.zeros((self.base_env.num_worlds, self.base_env.num_agents), int)
         gifts, heals = worlds.entries(ItemGiven), worlds.span("heal")
         gifts = gifts[_among(gifts["item"], heals) & _among(gifts["giver"], self.agents)]
@@ -134,7 +134,7 @@ class BehaviourMetrics:
         return given
 
     def tallies(self, own: dict[str, Array], actions: Array, living: Array, learns: Array) -> Tallies:
-        """Tallies of the living agents of a rollout: what learners do, and the share of all agents that live.
+        """Return tallies of the living agents of a rollout: what learners do, and the share of all agents that live.
 
         own: Observations that belong to no entity, by key. living, learns: Who lived when it observed, and who was
         played by learners, bool. All are (steps, worlds, agents, ...).
@@ -175,7 +175,7 @@ class BehaviourMetrics:
         return found
 
     def _sides(self, views: dict[str, Array]) -> Array:
-        """The side that each agent observes itself to be on; without teams, every agent is a side."""
+        """Return the side that each agent observes itself to be on; without teams, every agent is a side."""
         fields, count = self.base_env.fields[OWN], self.base_env.num_agents
         return views[OWN][..., columns_of(fields, "team")] if "team" in fields else np.arange(count)
 
@@ -257,7 +257,7 @@ def means(tallies: Iterable[Tallies]) -> dict[str, float]:
 
 
 def _reach(scenario: Scenario) -> tuple[str, ...]:
-    """Names of the two numbers whose sum is how far away a struck enemy's centre can be; () without melee."""
+    """Return names of the two numbers whose sum is how far away a struck enemy's centre can be; () without melee."""
     if Melee not in scenario or Agents not in scenario:
         return ()
     return f"{scenario[Melee].name}_reach", f"{scenario[Agents].name}_radius"

@@ -31,7 +31,7 @@ class ActionNoise:
         self._actions = actions
 
     def __call__(self, step: int) -> Array:
-        """The numbers of a step, float32 (agents of all worlds, actions), from 0 to below 1."""
+        """Return the numbers of a step, float32 (agents of all worlds, actions), from 0 to below 1."""
         place = np.arange(step * self._actions, (step + 1) * self._actions, dtype=np.uint64)
         return _uniform(mix64(self._start + place * GOLDEN))
 
@@ -43,12 +43,12 @@ class EpisodeNoise:
     """
 
     def __init__(self, env: SurvivalVectorEnv, agents: Any) -> None:
-        """env: Its worlds are read at every call. agents: Indices of the agents, integers (agents,)."""
+        """Read the worlds of `env` at every call. agents: Indices of the agents, integers (agents,)."""
         self._clock, self._agents = env.worlds[Clock], np.asarray(agents, np.uint64)[None]
         self._actions = GOLDEN * np.arange(1, len(env.action_sizes) + 1, dtype=np.uint64)
 
     def __call__(self) -> Array:
-        """The numbers of the next step, float32 (agents of all worlds, actions), from 0 to below 1."""
+        """Return the numbers of the next step, float32 (agents of all worlds, actions), from 0 to below 1."""
         clock = self._clock
         words = hashed(np.uint64(STREAM), clock.seed, clock.world, clock.episode, clock.tick, self._agents)
         return _uniform(mix64(words.reshape(-1, 1) + self._actions))

@@ -54,7 +54,7 @@ class ObservationLayout:
         self.columns = sum(kind.features for kind in self.kinds) + len(self.kinds)
 
     def field_columns(self) -> dict[str, dict[str, int]]:
-        """The first column of each field by key and name: among an agent's own numbers, or of an entity in Rows."""
+        """Return the first column of each field by key and name: of an agent's own numbers, or of an entity in Rows."""
         found, starts = dict[str, dict[str, int]](), dict[str, int]()
         for widths in (self.alone, {kind.key: kind.features for kind in self.kinds}):
             start = 0

@@ -113,7 +113,7 @@ PRESETS = {
 
 
 def preset(name: Any) -> Preset:
-    """The preset of that name. For any other, raises a ScenarioError that lists all presets."""
+    """Return the preset of that name. For any other, raises a ScenarioError that lists all presets."""
     if name not in PRESETS:
         raise ScenarioError(f"there is no preset '{name}'; known: {', '.join(PRESETS)}")
     return PRESETS[name]

@@ -57,7 +57,7 @@ APART = 4  # returns of so many sides are shown side by side where they differ
 
 
 def headline(tags: Mapping[str, float]) -> list[Figure]:
-    """The figures for which there are tags, in the order in which to show them, without numbers that are not finite.
+    """Return the figures that have tags, in the order in which to show them, without those that are not finite.
 
     tags: What was logged last, by tag. Where tags are numbered ("rollout/kills0"), the kills of all sides are added up,
     and returns are averaged; as text, those of a few sides stand side by side.

@@ -49,7 +49,7 @@ def median(scores: Scores) -> Any:
 
 
 def iqm(scores: Scores) -> Any:
-    """The interquartile mean: the mean of the middle half of the scores of all runs of all tasks.
+    """Return the interquartile mean: the mean of the middle half of the scores of all runs of all tasks.
 
     At each end, scores are left out as long as they weigh a quarter or less together: with 7 scores, one at each end,
     as in scipy.stats.trim_mean. Every task weighs the same: where tasks have different numbers of runs, the runs of a
@@ -108,7 +108,7 @@ def performance_profile(scores: Scores, thresholds: Sequence[float] | Array) -> 
 
 
 def stratified_bootstrap(statistic: Callable[..., Any], *scores: Scores, reps: int = REPS, seed: int = 0) -> Estimate:
-    """A statistic with its 95 % interval: percentiles of its values for resampled runs.
+    """Return a statistic with its 95 % interval: percentiles of its values for resampled runs.
 
     Within each task (a stratum), as many runs are drawn, with replacement, as the task has; several sets of scores are
     resampled independently of each other. So the interval is about other training seeds in the same tasks, and says
@@ -136,7 +136,7 @@ def stratified_bootstrap(statistic: Callable[..., Any], *scores: Scores, reps: i
 
 
 def interval(values: Sequence[float] | Array, *, reps: int = REPS, seed: int = 0) -> tuple[float, float] | None:
-    """The 95 % bootstrap interval of the mean over the runs of one task; None for a single run.
+    """Return the 95 % bootstrap interval of the mean over the runs of one task; None for a single run.
 
     Raises TrainingError, see `stratified_bootstrap`.
     """
@@ -157,7 +157,7 @@ def _task_means(scores: Scores) -> list[Array]:
 
 
 def _better(mine: Array, theirs: Array) -> Array:
-    """The share of pairs (the last two axes) in which mine is more; equal ones count half."""
+    """Return the share of pairs (the last two axes) in which mine is more; equal ones count half."""
     share: Array = ((mine > theirs).mean((-2, -1)) + (mine >= theirs).mean((-2, -1))) / 2
     return share
 
@@ -174,7 +174,7 @@ def _resampled(scores: Scores, reps: int, generator: np.random.Generator) -> dic
 
 
 def _checked(scores: Any) -> list[Array]:
-    """The scores of each task, float64 (..., runs). Raises TrainingError."""
+    """Return the scores of each task, float64 (..., runs). Raises TrainingError."""
     if not isinstance(scores, Mapping):
         cure = "of an array (runs, tasks): dict(enumerate(array.T))"
         raise TrainingError(f"scores: expected those of all runs by task, not a {type(scores).__name__}; {cure}")

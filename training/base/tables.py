@@ -23,13 +23,13 @@ def digits(value: float) -> str:
 
 
 def spread(values: Sequence[float]) -> str:
-    """The 95 % bootstrap interval of a mean over runs, see statistics.interval; "" for a single run."""
+    """Return the 95 % bootstrap interval of a mean over runs, see statistics.interval; "" for a single run."""
     ends = interval(values)
     return "" if ends is None else f"{number(ends[0])} to {number(ends[1])}"
 
 
 def with_spread(values: Sequence[float]) -> str:
-    """The mean over runs, and its interval: "653 (594 to 713)"."""
+    """Return the mean over runs, and its interval: "653 (594 to 713)"."""
     mean, ends = number(sum(values) / len(values)), spread(values)
     return f"{mean} ({ends})" if ends else mean
 

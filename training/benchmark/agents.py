@@ -64,7 +64,7 @@ class Agent:
             )
 
     def place(self, task: str, seed: int) -> str:
-        """The source for a task and a seed."""
+        """Return the source for a task and a seed."""
         return self.source.replace("{task}", task).replace("{seed}", str(seed))
 
     def made(self, task: str, seed: int) -> "Made":
@@ -72,7 +72,7 @@ class Agent:
         return Made(self.name, self.place(task, seed), seed)
 
     def policy(self, task: str, seed: int) -> Path:
-        """The saved policy for a task and a seed; of a run, the newest one. Raises TrainingError, UsageError."""
+        """Return the saved policy for a task and a seed; of a run, the newest one. Raises TrainingError, UsageError."""
         text = self.place(task, seed)
         if text not in models() and not Path(text).exists():
             raise TrainingError(f"{self.name}, {task}, seed {seed}: there is no {text}; {FORMS} is needed")
@@ -83,7 +83,7 @@ class Made(Contender):
     """A policy that a user's function (env, seed) makes, with the seed of the agent."""
 
     def __init__(self, label: str, source: str, seed: int) -> None:
-        """source: "FILE.py:FUNCTION". seed: The seed of the agent. Raises TrainingError, ScenarioError."""
+        """Import "FILE.py:FUNCTION". seed: The seed of the agent. Raises TrainingError, ScenarioError."""
         super().__init__(label, source)
         self.file, self._seed = Path(source.rpartition(":")[0]), seed
 

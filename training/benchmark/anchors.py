@@ -22,7 +22,10 @@ AGES = (0.1, 0.3, 1.0)  # shares of a run's agent-steps after which checkpoints 
 
 
 def chosen(places: Sequence[Path]) -> list[Path]:
-    """The checkpoints in these places: files as they are, those of AGES in folders of runs. Raises TrainingError."""
+    """Return the checkpoints in these places: files as they are, those of AGES in folders of runs.
+
+    Raises TrainingError.
+    """
     found = list[Path]()
     for place in places:
         if not place.is_dir():
@@ -88,7 +91,7 @@ def _round_robin(
     games: int,
     progress: Callable[[int, int], None],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Games that each player won against each other, and draws: float64 (players, players) both."""
+    """Return games that each player won against each other, and draws: float64 (players, players) both."""
     place, pairs = folder / f"{task.name}-games.json", [(i, j) for j in range(len(players)) for i in range(j)]
     known: Content = read_json(place, lambda content: "") if place.exists() else {}
     wins, draws = np.zeros((2, len(players), len(players)))

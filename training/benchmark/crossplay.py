@@ -20,7 +20,7 @@ NAME = "cross.json"
 
 
 def contender(entry: Result) -> Contender:
-    """The policy of an entry. Raises TrainingError if its file is missing, or is not the one that was tested."""
+    """Return the policy of an entry. Raises TrainingError if its file is missing, or is not the one that was tested."""
     content, path = entry.content, entry.policy
     made = None
     if not path.exists() and content["source"].rpartition(":")[0].endswith(".py"):

@@ -78,7 +78,7 @@ class Entry:
         return self.agent.kind != FUNCTION
 
     def config(self) -> TrainingConfig:
-        """The config of the training. Raises TrainingError."""
+        """Return the config of the training. Raises TrainingError."""
         options = dict(self.agent.options)
         options["opponents"] = parse_lineup(options.get("opponents", OWN), OPPONENTS)
         return TrainingConfig(

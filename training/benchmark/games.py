@@ -155,14 +155,14 @@ class _Policies:
         self.number: Callable[[], int] = lambda: 1  # which tick record the next step has
 
     def acts(self) -> list[Act]:
-        """One function for each policy."""
+        """Return one function for each policy."""
         return [self.played_by_unknown if asked is None else partial(self._act, *asked) for asked in self.asked]
 
     def played_by_unknown(self, seen: dict[str, Array], indices: AgentIndices) -> Array:
         return self.played(self.number(), indices, None)
 
     def _act(self, name: str, choose: Act, seen: dict[str, Array], indices: AgentIndices) -> Array:
-        """Raises RecordingError if an action is not within rounding of the choice.
+        """Check that actions are within rounding of the choices. Raises RecordingError.
 
         A saved policy has three choices, see Player.doubted; scripted styles do not round, and have a single one.
         """
@@ -181,7 +181,7 @@ class _Policies:
 
 
 def _recorded(path: Path, ticks: Iterator[TickRecord], env: SurvivalVectorEnv) -> Played:
-    """The actions of a recording, as a function."""
+    """Return the actions of a recording, as a function."""
     joint, records, now = JointActions(env.worlds), enumerate(ticks), (-1, np.zeros(0))
     lows = np.array([low for _, low, _ in joint.columns])[:, None, None]  # environments count from 0
 
@@ -247,7 +247,7 @@ def _compare(path: Path, there: Sequence[int], here: Sequence[int]) -> None:
 
 
 def _digests(path: Path, size: int) -> list[int]:
-    """The digests of the ticks of a recording: so many bytes of BLAKE2b of all that a tick record says."""
+    """Return the digests of the ticks of a recording: so many bytes of BLAKE2b of all that a tick record says."""
     found, code = [], "<u4" if size == FEW else "<u8"
     with contextlib.closing(Recording.open(path).tick_records()) as ticks:
         for tick in ticks:

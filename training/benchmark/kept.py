@@ -102,7 +102,7 @@ def write(place: Path, entries: Iterable[Result], cross: Cross) -> None:
 
 
 def _packed(entry: Result) -> Content:
-    """An entry without what all entries of its task have in common, and without most figures."""
+    """Return an entry without what all entries of its task have in common, and without most figures."""
     own, matches = entry.against[TRAINED, SELF], dict[str, dict[str, list[int]]]()
     for match in entry.matches:
         matches.setdefault(match["game"], {})[match["against"]] = [match[key] for key in NUMBERS]
@@ -111,23 +111,23 @@ def _packed(entry: Result) -> Content:
 
 
 def _opponents(entry: Result) -> dict[str, str]:
-    """The digests of the members of the suite that an entry has played."""
+    """Return the digests of the members of the suite that an entry has played."""
     return {match["against"]: match["opponent"] for match in entry.matches if match["against"] not in (SELF, BEST)}
 
 
 def _content(place: Path) -> Content:
-    """The content of the file in a folder, which `_wrong` has checked."""
+    """Return the content of the file in a folder, which `_wrong` has checked."""
     return read_json(place / NAME, _wrong)
 
 
 def _entries(place: Path) -> list[Result]:
-    """The results that the file in a folder holds. Raises TrainingError."""
+    """Return the results that the file in a folder holds. Raises TrainingError."""
     content = _content(place)
     return [_result(place, entry, content["tasks"][entry["task"]]) for entry in content["entries"]]
 
 
 def _result(place: Path, packed: Content, of_task: Content) -> Result:
-    """The result that `_packed` was made of, without figures of other matches."""
+    """Return the result that `_packed` was made of, without figures of other matches."""
     folder = place / str(packed["budget"]) / packed["task"] / packed["agent"] / str(packed["seed"])
     best, own = (packed["response"] or {}).get("digest", ""), packed["self"]
     known, matches = of_task["opponents"] | {SELF: "", BEST: best}, list[Content]()
@@ -145,7 +145,7 @@ def _outcome(numbers: Sequence[int]) -> Content:
 
 
 def _cross_match(one: str, other: str, numbers: Sequence[int], entries: Iterable[Result]) -> Content:
-    """A match between two entries, as `crossplay` writes it."""
+    """Return a match between two entries, as `crossplay` writes it."""
     digests = {entry.name: entry.content["policy"]["digest"] for entry in entries}
     names = {"one": one, "other": other, "own": digests.get(one, NOTHING), "opponent": digests.get(other, NOTHING)}
     return names | _outcome(numbers) | {"figures": [{}, {}], "recording": NOTHING}

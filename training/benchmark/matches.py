@@ -78,7 +78,10 @@ def outcome(found: MatchResults) -> dict[str, Any]:
 def worlds(
     game: TaskGame, pair: Sequence[Contender], games: int, recording: Recording | None = None
 ) -> Iterator[SurvivalVectorEnv]:
-    """The worlds of a match, which all policies can play in. recording: Of such worlds; it tells their cameras_mode."""
+    """Yield the worlds of a match, which all policies can play in.
+
+    recording: Of such worlds; it tells their cameras_mode.
+    """
     if games % ROLES:
         raise TrainingError(f"games = {games}: an even number is needed, so that each policy plays each side as often")
     scenario = game.scenario if recording is None else recording.scenario
@@ -97,6 +100,6 @@ def asked(game: TaskGame, role: int, policy: Contender, env: SurvivalVectorEnv) 
 
 
 def _act(game: TaskGame, role: int, policy: Contender, env: SurvivalVectorEnv, slack: float = 0.0) -> Act:
-    """The function that plays a policy in a role; its random numbers depend on the game and the role only."""
+    """Return the function that plays a policy in a role; its random numbers depend on the game and the role only."""
     (seed,) = np.random.SeedSequence([game.seed, role]).generate_state(1, np.uint64) >> np.uint64(1)
     return policy.act(env, int(seed), keyed=True, slack=slack)

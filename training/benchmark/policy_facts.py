@@ -38,7 +38,7 @@ def described(path: Path, task: Task) -> Content:
 
 
 def response_config(task: Task, seed: int, budget: int, policy: Path, threads: int = 0) -> TrainingConfig:
-    """The config for training a best response.
+    """Return the config for training a best response.
 
     Raises TrainingError: there can be no such training.
 

@@ -76,7 +76,7 @@ class Result:
 
 
 def recording_name(game: str, against: str) -> str:
-    """The name of the recording of a match, in the folder of a result."""
+    """Return the name of the recording of a match, in the folder of a result."""
     return re.sub(r"[^\w.+-]+", "-", f"{game}-{against}") + ".rec"
 
 

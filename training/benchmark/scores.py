@@ -55,7 +55,7 @@ def scores(places: Path) -> Scores:
 
 
 def _budget(budget: int, entries: Sequence[Result]) -> Scores:
-    """The scores of entries of one budget: of each task, and over tasks that several agents have played."""
+    """Return the scores of entries of one budget: of each task, and over tasks that several agents have played."""
     folders = task_folders(entries)
     first = dict[str, Path]()
     for folder in folders:
@@ -122,7 +122,7 @@ def _task(folder: Path, entries: Sequence[Result]) -> Scores:
 
 
 def _agent(task: Task, entries: Sequence[Result]) -> Scores:
-    """The scores of an agent in a task: for each seed, with means and intervals over seeds."""
+    """Return the scores of an agent in a task: for each seed, with means and intervals over seeds."""
     members = {member.name: member for member in suite(task)}
     for entry in entries:
         if absent := missing(entry, task, members):
@@ -168,7 +168,7 @@ def _check_trainings(entries: Sequence[Result]) -> None:
 
 
 def rate(match: Content) -> float:
-    """The share of games that the first policy won; a draw counts half."""
+    """Return the share of games that the first policy won; a draw counts half."""
     return float((match["won"] + match["drawn"] / 2) / match["games"])
 
 
@@ -186,7 +186,7 @@ def _is_of_track(entry: Result) -> bool:
 
 
 def _ratings(entries: Sequence[Result], members: dict[str, Any]) -> Scores | None:
-    """Ratings against the opponents whose ratings are fixed; None if this task has none.
+    """Return ratings against the opponents whose ratings are fixed; None if this task has none.
 
     "errors" are over games, one for each seed; "low" and "high" are over seeds.
     """
@@ -202,14 +202,14 @@ def _ratings(entries: Sequence[Result], members: dict[str, Any]) -> Scores | Non
 
 
 def _exploitability(entries: Sequence[Result]) -> Scores | None:
-    """The win rates of best responses; None unless every seed has one."""
+    """Return the win rates of best responses; None unless every seed has one."""
     found = [entry.against.get((TRAINED, BEST)) for entry in entries]
     known = [match for match in found if match is not None]
     return _over_seeds([1 - rate(match) for match in known]) if len(known) == len(found) else None
 
 
 def _seconds(entries: Sequence[Result]) -> Scores:
-    """Seconds that a seed took, means over seeds: CPU and wall clock, by what they were spent on."""
+    """Return seconds that a seed took, means over seeds: CPU and wall clock, by what they were spent on."""
     names = sorted({name for entry in entries for name in entry.content["seconds"]})
     return {name: _rounded(np.mean([entry.content["seconds"].get(name, 0) for entry in entries])) for name in names}
 
@@ -238,14 +238,14 @@ def _mean(values: Sequence[float]) -> float | None:
 
 
 def _over_seeds(values: Any) -> Scores:
-    """The values of seeds, with their mean and its 95 % interval; for one seed there is no interval."""
+    """Return the values of seeds, with their mean and its 95 % interval; for one seed there is no interval."""
     low, high = statistics.interval(values) or (None, None)
     known = {} if low is None else {"low": _rounded(low), "high": _rounded(high)}
     return {"seeds": _rounded(values), "mean": _rounded(np.mean(values)), **known}
 
 
 def _estimate(statistic: Callable[..., Any], *each: Any) -> Scores:
-    """A statistic over tasks and seeds, with its 95 % interval where every task has two seeds or more."""
+    """Return a statistic over tasks and seeds, with its 95 % interval where every task has two seeds or more."""
     if any(len(values) < 2 for own in each for values in own.values()):
         return {"value": _rounded(statistic(*each))}
     return {key: _rounded(value) for key, value in statistics.stratified_bootstrap(statistic, *each)._asdict().items()}

@@ -50,7 +50,7 @@ class SuiteOpponent:
     rating: float | None = None
 
     def contender(self) -> Contender:
-        """The opponent as a policy. Raises TrainingError."""
+        """Return the opponent as a policy. Raises TrainingError."""
         if self.file is None:
             return Contender(self.name, self.name)
         header, weights = read_anchors(self.file)[1][self.name]
@@ -64,7 +64,7 @@ class SuiteOpponent:
 
 
 def suite(task: Task) -> list[SuiteOpponent]:
-    """The suite of a task: styles, then anchors.
+    """Return the suite of a task: styles, then anchors.
 
     Raises TrainingError if its file is none, or was made in another game; UsageError if it cannot be fetched.
     """
@@ -78,7 +78,7 @@ def suite(task: Task) -> list[SuiteOpponent]:
 
 
 def _place(task: Task) -> Path:
-    """The file of a task's anchors; fetched where no results are. Raises UsageError."""
+    """Return the file of a task's anchors; fetched where no results are. Raises UsageError."""
     place = FOLDER / f"{task.name}{policy_file.SUFFIX}"
     if FOLDER.parent.is_dir():
         return place
@@ -88,7 +88,7 @@ def _place(task: Task) -> Path:
 
 
 def _member(entry: Content, place: Path, anchor: Anchor | None) -> SuiteOpponent:
-    """A member of a suite. entry: What the file says of it. anchor: None for a style."""
+    """Return a member of a suite. entry: What the file says of it. anchor: None for a style."""
     name, rating = entry["name"], float(entry["elo"])
     return (
         SuiteOpponent(name, rating=rating) if anchor is None else SuiteOpponent(name, place, digest_of(*anchor), rating)
@@ -143,7 +143,7 @@ def read_anchors(path: Path) -> tuple[Content, dict[str, Anchor]]:
 
 
 def missing(entry: Result, task: Task, members: Iterable[str]) -> list[tuple[str, str]]:
-    """The games and opponents that an entry has not played: itself, the suite, and the best response to a saved policy.
+    """Return the games and opponents that an entry has yet to play: itself, the suite, the best response.
 
     members: The names of the suite.
     """
@@ -154,7 +154,7 @@ def missing(entry: Result, task: Task, members: Iterable[str]) -> list[tuple[str
 
 
 def other_games(content: Content, task: Task) -> str:
-    """Say which game of a result is not that of its task; empty if all are."""
+    """Name the game of a result that is not that of its task; empty if all are."""
     for game in task.games:
         if other := difference(content["fingerprints"].get(game.name), fingerprint(game.scenario)):
             return f"its game '{game.name}' is another one than that of {task.name} {other}"

@@ -40,7 +40,7 @@ def markdown(found: scores.Scores) -> str:
 
 
 def as_csv(found: scores.Scores) -> str:
-    """The CSV file: a row for every figure of every agent in every task."""
+    """Return the CSV file: a row for every figure of every agent in every task."""
     rows = list[tuple[object, ...]]()
     for budget, own in found["budgets"].items():
         for task, of_task in own["tasks"].items():
@@ -52,7 +52,7 @@ def as_csv(found: scores.Scores) -> str:
 
 
 def _named(each: scores.Scores) -> Iterator[tuple[str, scores.Scores]]:
-    """The figures of an agent in a task, by name."""
+    """Yield the figures of an agent in a task, by name."""
     yield "score", each["score"]
     if each["rating"]:
         yield "rating", each["rating"]
@@ -95,7 +95,7 @@ def _budget(budget: int, own: scores.Scores) -> Iterator[str]:
 
 
 def _overall(own: scores.Scores) -> Iterator[list[str]]:
-    """A row for each agent, the highest score first."""
+    """Yield a row for each agent, the highest score first."""
     for agent, found in sorted(own["iqm"].items(), key=lambda entry: -entry[1]["value"]):
         counts = {len(own["tasks"][task]["agents"][agent]["seeds"]) for task in own["common"]}
         ends = f"{found['low']:.3f} to {found['high']:.3f}" if "low" in found else "one seed"
@@ -103,7 +103,7 @@ def _overall(own: scores.Scores) -> Iterator[list[str]]:
 
 
 def _marked(agent: str, own: scores.Scores) -> str:
-    """The agent with the marks that it has in any task."""
+    """Return the agent with the marks that it has in any task."""
     each = [task["agents"][agent] for task in own["tasks"].values() if agent in task["agents"]]
     marks = OF_NO_TRACK * (not all(task["of_task"] for task in each)) + MET * any(task["met"] for task in each)
     return agent + marks
@@ -142,7 +142,7 @@ def _by_task(own: scores.Scores) -> Iterator[list[str]]:
 
 
 def _cell(figure: scores.Scores | None, digits: int) -> str:
-    """A mean with its interval; empty where there is none."""
+    """Return a mean with its interval; empty where there is none."""
     if figure is None:
         return ""
     ends = f" [{figure['low']:.{digits}f}, {figure['high']:.{digits}f}]" if "low" in figure else ""
@@ -150,7 +150,7 @@ def _cell(figure: scores.Scores | None, digits: int) -> str:
 
 
 def _rating(figure: scores.Scores | None) -> str:
-    """A rating with its interval over seeds; for one seed, with its standard error over games."""
+    """Return a rating with its interval over seeds; for one seed, with its standard error over games."""
     if figure is None:
         return ""
     return _cell(figure, 0) if "low" in figure else f"{figure['mean']:.0f} ± {figure['errors'][0]:.0f}"
@@ -165,7 +165,7 @@ def _cross(found: scores.Scores) -> str:
 
 
 def _more(found: scores.Scores) -> Iterator[tuple[str, bytes]]:
-    """For each budget in which agents have a task in common: performance profiles, and what marl-eval reads."""
+    """Return performance profiles, and what marl-eval reads, for each budget in which agents have a task in common."""
     from .profile import picture  # imported here, as it needs matplotlib
 
     for budget, own in found["budgets"].items():

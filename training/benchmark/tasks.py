@@ -43,7 +43,7 @@ class TaskGame:
     seed: int
 
     def numbers(self, worlds: int) -> dict[str, np.ndarray[Any, Any]]:
-        """The numbers that each world is given, integers (worlds,) by name."""
+        """Return the numbers that each world is given, integers (worlds,) by name."""
         return {name: np.resize(values, worlds) for name, values in self.given}
 
 
@@ -74,12 +74,12 @@ def task_of(name: str) -> Task:
 
 
 def track_of(budget: int, games: int = GAMES) -> str:
-    """The track of a budget of agent-steps and matches of `games` games; empty if there is none."""
+    """Return the track of a budget of agent-steps and matches of `games` games; empty if there is none."""
     return next((name for name, steps in BUDGETS.items() if (budget, games) == (steps, GAMES)), "")
 
 
 def response_steps(budget: int) -> int:
-    """Agent-steps in which a best response is trained: those of the protocol, or the budget if that is less."""
+    """Return agent-steps in which a best response is trained: those of the protocol, or the budget if that is less."""
     return min(RESPONSE, budget)
 
 
@@ -96,7 +96,10 @@ def check_training_seed(seed: int) -> None:
 
 
 def _task(name: str, about: str, trained: Scenario, outside: dict[str, Any] | None = None) -> Task:
-    """A task of version 1. outside: By name, a Scenario, or (Scenario, numbers) with numbers that worlds are given."""
+    """Return a task of version 1.
+
+    outside: By name, a Scenario, or (Scenario, numbers) with numbers that worlds are given.
+    """
     found = {"trained": trained} | (outside or {})
     games = []
     for seed, (name_of_game, entry) in zip(SEEDS, found.items(), strict=False):

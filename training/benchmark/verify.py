@@ -104,7 +104,7 @@ def _of_scores(place: Path) -> Verification:
 
 
 def checks(entry: Result) -> list[Check]:
-    """The checks of an entry, each with one finding: first games and policies, compared at once, then matches."""
+    """Return the checks of an entry, each with one finding: games and policies first, then matches."""
     content, name = entry.content, f"{entry.content['task']} {entry.name}"
     try:
         task = task_of(content["task"])
@@ -120,7 +120,7 @@ def checks(entry: Result) -> list[Check]:
 
 
 def cross_checks(folder: Path, entries: Sequence[Result], chosen: Collection[str]) -> list[Check]:
-    """The checks of a task's cross-play, each with one finding: first all of it, then its matches.
+    """Return the checks of a task's cross-play, each with one finding: first all of it, then its matches.
 
     entries: All entries of the task. chosen: Names of entries, whose matches are checked.
     """
@@ -146,7 +146,7 @@ def cross_checks(folder: Path, entries: Sequence[Result], chosen: Collection[str
 
 
 def _of_match(what: str, recording: Path, judge: Callable[..., Verification], *arguments: Any) -> Verification:
-    """The finding about a match. judge: Returns it without `what`."""
+    """Return the finding about a match. judge: Returns it without `what`."""
     if not recording.exists():
         return Verification(what, missing="its recording is not here")
     try:
@@ -208,7 +208,7 @@ def _of_cross(task: Task, match: Content, path: Path, one: Result, other: Result
 
 
 def _saved(path: Path) -> Contender | None:
-    """The policy in a file, whose digest has been compared; None if there is no file, as for a function."""
+    """Return the policy in a file, whose digest has been compared; None if there is no file, as for a function."""
     return Contender(path.stem, str(path)) if path.exists() else None
 
 
@@ -224,7 +224,7 @@ def _of_games(game: TaskGame, pair: list[Contender | None], match: Content, path
 
 
 def _wrong_with_outcome(match: Content, outcome: Content) -> str:
-    """Where the recording of a match contradicts the result; empty if it does not."""
+    """Name where the recording of a match contradicts the result; empty if it does not."""
     for key in ("games", "won", "drawn", "lost"):
         if outcome[key] != match[key]:
             return f"{key} is {match[key]} in the result, and {outcome[key]} in the recording"

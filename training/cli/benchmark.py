@@ -194,7 +194,7 @@ class ChildEntry(ChildRun):
     """An entry in a process of its own."""
 
     def __init__(self, entry: Any, common: Sequence[str]) -> None:
-        """common: options that all entries have in common."""
+        """Take the options that all entries have in common."""
         super().__init__(entry.folder, [], resume=False)
         self.entry, agent = entry, entry.agent
         source = agent.name if agent.name == agent.source else f"{agent.name}={agent.source}"
@@ -212,7 +212,7 @@ class ChildEntry(ChildRun):
 
 
 def _run_several(entries: list[Any], options: argparse.Namespace, command: Parser) -> int:
-    """The exit status: 0 if all went well, 130 if they were stopped."""
+    """Return the exit status: 0 if all went well, 130 if they were stopped."""
     at_once = min(_jobs(options), len(entries))
     common = command.words(options, leave_out=OWN) + (["--threads=1"] if options.threads is None else [])
     children, total = [ChildEntry(entry, common) for entry in entries], sum(entry.work for entry in entries)
@@ -230,7 +230,7 @@ def _jobs(options: argparse.Namespace) -> int:
 
 
 def _places(options: argparse.Namespace) -> list[Path]:
-    """The folders of results that are named."""
+    """Return the folders of results that are named."""
     from ..benchmark import kept
 
     places = [Path(name) for name in options.names] or [RESULTS]

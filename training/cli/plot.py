@@ -34,7 +34,7 @@ def add(commands: Any) -> None:
 
 
 def _names(text: str) -> tuple[str, ...]:
-    """Names between commas."""
+    """Return names between commas."""
     names = tuple(name.strip() for name in text.split(","))
     if not all(names):
         raise argparse.ArgumentTypeError(f"{text}: names are needed, with a comma between two of them")

@@ -69,7 +69,7 @@ class Comparison:
         return "; ".join(parts)
 
     def notes(self) -> list[str]:
-        """Sentences about what a reader must know: runs averaged although they differ, and unfinished runs."""
+        """Return sentences about what a reader must know: runs averaged although they differ, and unfinished runs."""
         notes = [f"{group.label}: averaged over {', '.join(group.mixed)}, too" for group in self.groups if group.mixed]
         told = {*self.groups[0].values, *(name for group in self.groups for name in group.mixed)}
         notes += [f"Groups differ in {', '.join(unsaid)}, too"] if (unsaid := untold(self.runs, told)) else []
@@ -127,7 +127,7 @@ class Comparison:
 
 
 def _cell(ends: Sequence[float]) -> str:
-    """The mean over runs, with its 95 % interval if there are several."""
+    """Return the mean over runs, with its 95 % interval if there are several."""
     if not ends:
         return ""
     low, high = interval(ends)

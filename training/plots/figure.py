@@ -178,7 +178,7 @@ def draw(comparison: Comparison) -> Figure:
 
 
 def _curves(comparison: Comparison, group: RunGroup) -> Iterator[tuple[Array, dict[str, Array]]]:
-    """Where the points of each run are on the axis, agent-steps or hours, and its curves there."""
+    """Return the points of each run on the axis, agent-steps or hours, and its curves there."""
     for run in group.runs:
         where = run.curves.steps if comparison.x == "steps" else hours(run)
         if where is not None:
@@ -186,7 +186,7 @@ def _curves(comparison: Comparison, group: RunGroup) -> Iterator[tuple[Array, di
 
 
 def _axis(comparison: Comparison) -> tuple[float, float, str]:
-    """Where the axis ends, what its values are divided by, so that its numbers are short, and its label."""
+    """Return the end of the axis, what its values are divided by, so that its numbers are short, and its label."""
     if comparison.x == "steps":
         longest = float(max(run.steps for run in comparison.runs))
         units = STEPS
@@ -228,5 +228,5 @@ class _Head:
 
 
 def _wrapped(label: str, width: int) -> str:
-    """The label in lines of at most `width` characters, which end at commas if it has some."""
+    """Return the label in lines of at most `width` characters, which end at commas if it has some."""
     return label if len(label) <= width else textwrap.fill(re.sub(",(?! )", ", ", label), width)

@@ -82,7 +82,7 @@ def differing(runs: Sequence[Run]) -> list[str]:
 
 
 def telling(runs: Sequence[Run]) -> list[str]:
-    """Settings that tell apart all runs that differ in any setting.
+    """Return settings that tell apart all runs that differ in any setting.
 
     The game's name and the preset are among them whenever they differ; of the game's numbers, and then of everything
     else, there are as few as a greedy choice finds.
@@ -98,7 +98,7 @@ def telling(runs: Sequence[Run]) -> list[str]:
 
 
 def untold(runs: Sequence[Run], told: Collection[str] = ()) -> list[str]:
-    """Settings in which runs differ, without those that are told already and those that come with them.
+    """Return settings in which runs differ, without those that are told already and those that come with them.
 
     With a game's name come its numbers, or the other way round; with a preset comes OF_PRESET.
     """
@@ -124,7 +124,7 @@ def value_of(run: Run, name: str) -> str:
 
 
 def _order(text: str) -> tuple[float, str]:
-    """A key that sorts numbers by size, before words."""
+    """Return a key that sorts numbers by size, before words."""
     try:
         return float(text), ""
     except ValueError:

@@ -38,7 +38,7 @@ class Panel:
 
 
 def chosen(runs: Sequence[Run], names: Sequence[str]) -> list[Panel]:
-    """The panels of these names or, without names, the usual ones.
+    """Return the panels of these names or, without names, the usual ones.
 
     names: "length", "return" and other statistics of episodes; or tags of a log, "wins/scripted", "rollout/kills0",
     "train/entropy". Raises TrainingError: no run has such a curve.
@@ -81,7 +81,7 @@ def _owners(own: Sequence[str], returns: Sequence[str], logs: Sequence[Collectio
 
 
 def name_of(tag: str, tags: Sequence[str]) -> str:
-    """The name by which a tag is asked for: "length" for "rollout/steps", "kills" for "rollout/kills1"; else itself."""
+    """Return the name of a tag in commands: "length" for "rollout/steps", "kills" for "rollout/kills1"; else itself."""
     if not tag.startswith(ROLLOUT):
         return tag
     plain = re.sub(r"(0|[1-9]\d*)$", "", tag)
@@ -109,7 +109,7 @@ def _combined(curves: Curves, panel: Panel) -> Array | None:
 
 
 def hours(run: Run) -> Array | None:
-    """Hours of training after each of the run's points, float64 (points,): by the speed that it logged.
+    """Return hours of training after each of the run's points, float64 (points,): by the speed that it logged.
 
     The hours of imitation, which comes first, are included.
     """

@@ -111,7 +111,7 @@ def load(places: Iterable[Path]) -> list[Run]:
 
 
 def _found(place: Path) -> list[Path]:
-    """Folders of runs and kept runs in a place, which may itself be one."""
+    """Return folders of runs and kept runs in a place, which may itself be one."""
     if any((place / name).exists() for name in RUN_FILES):
         return [place]
     if not place.exists():
@@ -132,7 +132,7 @@ def kept_runs(study: Path) -> dict[str, Described]:
 
 
 def _kept_run(place: Path) -> Path:
-    """The place, if it is that of a kept run. Raises TrainingError."""
+    """Return the place, if it is that of a kept run. Raises TrainingError."""
     known = kept_runs(place.parent)
     if not known:
         raise TrainingError(f"there is no folder {place}")
@@ -185,7 +185,7 @@ def _check_plan(origin: Path, plan: Any) -> None:
 
 
 def _played(scenario: dict[str, Any]) -> dict[str, Any]:
-    """Everything in a fingerprint except names.
+    """Return everything in a fingerprint except names.
 
     These are numbers, or what they are drawn from; roles, what is observed, the order of systems, and the code of
     mechanics of one's own, by the first digits of its hash.

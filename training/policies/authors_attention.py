@@ -18,7 +18,7 @@ from .rows import PaddedRows
 
 
 def attend(padded: PaddedRows, weight: Tensor, bias: Tensor, attention: nn.MultiheadAttention) -> Tensor:
-    """The outputs of torch.nn.MultiheadAttention for embedded rows, averaged over all rows; hidden ones count as 0.
+    """Return the outputs of torch.nn.MultiheadAttention, averaged over all rows; hidden ones count as 0.
 
     Rows are embedded with tanh. The padding row, behind all others, is embedded as zeros and visible in every sample.
     Logits of hidden rows are raised by 1, as the authors add their mask to the logits.
@@ -84,7 +84,7 @@ class _Mix(torch.autograd.Function):
     @staticmethod
     @once_differentiable
     def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
-        """Gradients with respect to the arguments of forward."""
+        """Return gradients with respect to the arguments of forward."""
         embedded, where, sample, queries, wanted, weights, sums, to_keys, *inputs = ctx.saved_tensors
         (batch, rows, width), heads = embedded.shape, len(to_keys) // embedded.shape[2]
         gradient, sums = gradient.reshape(batch, heads, width), sums.view(batch, heads, rows)
@@ -113,14 +113,14 @@ class _Mix(torch.autograd.Function):
 
 
 def _by_kind(padded: PaddedRows) -> list[Tensor]:
-    """The rows of each kind: (batch * rows, features)."""
+    """Return the rows of each kind: (batch * rows, features)."""
     kinds, features = padded.layout.kinds, padded.layout.features
     parts = torch.split(padded.rows, [kind.rows for kind in kinds], 1)
     return [part.reshape(-1, features)[:, : kind.features] for part, kind in zip(parts, kinds, strict=True)]
 
 
 def _groups(counts: Tensor) -> Iterator[tuple[slice, slice, int]]:
-    """For each number of queries: the samples that have so many, their queries, and the number. `counts` is sorted."""
+    """Yield, for each number of queries, its samples, their queries, and the number. `counts` is sorted."""
     sample = query = 0
     for count, samples in enumerate(torch.bincount(counts).tolist()):
         if samples:

@@ -88,7 +88,7 @@ def load_weights(policy: Networks, weights: Any, where: str = WEIGHTS) -> None:
 
 
 def wrong_weight(weights: Mapping[str, Tensor]) -> str:
-    """The name of the first weights that are NaN or beyond HEAVIEST; "" if all are as they should be."""
+    """Return the name of the first weights that are NaN or beyond HEAVIEST; "" if all are as they should be."""
     return next((name for name, weight in weights.items() if not (weight.abs() <= HEAVIEST).all()), "")
 
 

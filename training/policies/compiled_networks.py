@@ -368,7 +368,7 @@ class Acting:
     """Chooses the actions of agents, as long as the weights stay as they are."""
 
     def __init__(self, networks: Any) -> None:
-        """networks: An ActorCritic for which this is `possible`."""
+        """Compile `networks`, an ActorCritic for which this is `possible`."""
         self.plan: Plan = networks.plan
         self.parameters = _parameters(networks)
         self.sizes, self.packed = np.array(networks.sizes, np.int64), torch.empty(self.plan.size, **FLOAT)
@@ -405,7 +405,7 @@ def evaluated(networks: Any, seen: Rows) -> tuple[Tensor, Tensor]:
 
 
 def _parameters(networks: Any) -> list[Any]:
-    """The weights of all layers, and their biases."""
+    """Return the weights of all layers, and their biases."""
     extractor, actor, critic = networks.extractors[0], networks.actor, networks.critic
     entities = torch.cat([extractor.weight * extractor.scale, extractor.bias])
     own, attention = extractor.own.weight * extractor.own_scale, extractor.attention

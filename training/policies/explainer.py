@@ -74,7 +74,7 @@ class PolicyExplainer:
 
 
 def attended(extractor: Extractor, seen: Observed) -> Tensor:
-    """The share of attention that each row gets, (batch, rows), computed by torch.nn.MultiheadAttention itself.
+    """Return the share of attention that each row gets, (batch, rows), computed by torch.nn.MultiheadAttention itself.
 
     With Rows, only what is seen is attended to: the shares of what an agent sees come first, in order, and then zeros.
     """

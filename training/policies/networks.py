@@ -63,7 +63,7 @@ class Extractor(nn.Module):
         return torch.cat([self._active(own), entities], 1)
 
     def _attend_seen(self, seen: Rows) -> Tensor:
-        """The average of the outputs of attention among the rows of each agent, 0 where it sees none: (batch, width).
+        """Average the outputs of attention among the rows of each agent, 0 where it sees none: (batch, width).
 
         Attention is over the pairs of rows of one agent, in one flat list over the batch, query after query.
         """
@@ -101,7 +101,7 @@ class Memory(nn.GRUCell):
     """What agents remember about the features of earlier steps (Cho et al., arXiv:1406.1078)."""
 
     def __init__(self, features: int, width: int) -> None:
-        """features: How many there are in a step. width: How many numbers the memory has."""
+        """Make a memory of `width` numbers for `features` in a step."""
         super().__init__(features, width, **FLOAT)
         for weight in (self.weight_ih, self.weight_hh):
             for gate in weight.data.chunk(3):
@@ -140,11 +140,11 @@ class Tower(nn.Module):
         return out
 
     def inner(self, features: Tensor) -> Tensor:
-        """The input of the last layer: (batch, hidden)."""
+        """Return the input of the last layer: (batch, hidden)."""
         return self.behind_first(self.activation(self.first(features)))
 
     def behind_first(self, first: Tensor) -> Tensor:
-        """The input of the last layer, from the output of the first: both (batch, hidden)."""
+        """Return the input of the last layer, from the output of the first: both (batch, hidden)."""
         return self.activation(self.second(first))
 
 

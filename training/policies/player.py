@@ -178,7 +178,7 @@ class Player:
         self._shifts = (-slack, 0.0, slack)
 
     def _uniform(self, *shape: int) -> torch.Tensor | None:
-        """Uniform numbers to sample actions by, float32 (batch, actions); None for the likeliest actions."""
+        """Return uniform numbers to sample actions by, float32 (batch, actions); None for the likeliest actions."""
         if self._noise is not None:
             return torch.from_numpy(self._noise())
         return None if self.generator is None else torch.rand(shape, generator=self.generator, **FLOAT)
@@ -272,7 +272,7 @@ def _is_of_critic(name: str) -> bool:
 
 
 def _logs(policy: Networks, seen: Observed, memory: torch.Tensor | None, begins: torch.Tensor | None) -> Answer:
-    """The log probabilities of actions, float32 (batch, values, actions)."""
+    """Return the log probabilities of actions, float32 (batch, values, actions)."""
     logs, after = policy.logs(seen, memory, begins)
     return [logs.permute(2, 0, 1).numpy()], after
 

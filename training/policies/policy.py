@@ -35,7 +35,7 @@ class MultiCategorical(nn.Module):
     beyond: Tensor
 
     def __init__(self, sizes: Sequence[int]) -> None:
-        """sizes: how many values each action has."""
+        """Take the number of values of each action."""
         super().__init__()
         self.shape, start = (max(sizes), len(sizes)), 0
         where, never = torch.zeros(self.shape, **INDEX), torch.full(self.shape, NEVER, **FLOAT)
@@ -70,13 +70,13 @@ class MultiCategorical(nn.Module):
 
     @staticmethod
     def entropy(logs: Tensor, free: Tensor | None = None) -> Tensor:
-        """The entropy of the joint actions: (batch,). free: see `of`."""
+        """Return the entropy of the joint actions: (batch,). free: see `of`."""
         each = logs.exp() * logs
         return -(each if free is None else each * free.T).sum((0, 1))
 
     @staticmethod
     def likeliest(logs: Tensor) -> Tensor:
-        """The likeliest joint actions, int64 (batch, actions)."""
+        """Return the likeliest joint actions, int64 (batch, actions)."""
         return logs.argmax(0).T
 
     def draw(self, logs: Tensor, uniform: Tensor) -> Tensor:
@@ -220,13 +220,13 @@ class ActorCritic(Networks):
         return super().values(seen, memory, begins)
 
     def _remember(self, features: Tensor, memory: Tensor | None, begins: Tensor | None) -> tuple[Tensor, Tensor]:
-        """The memory after each step, and after the last one; see Memory.through."""
+        """Return the memory after each step, and after the last one; see Memory.through."""
         if self.recurrent is None or memory is None or begins is None:
             raise ValueError("a policy with a memory needs `memory` and `begins`")
         return self.recurrent.through(features, memory, begins if begins.ndim == 2 else begins[None])
 
     def _valued(self, features: Tensor, seen: Observed) -> Tensor:
-        """Values by the features of the critic and, if it learns from that, the state of the worlds."""
+        """Return values by the features of the critic and, if it learns from that, the state of the worlds."""
         if self.overview is not None:
             features = torch.cat([features, self.critic.activation(self.overview(seen.state))], 1)
         values: Tensor = self.critic(features).flatten()

@@ -21,7 +21,7 @@ FILL = 512  # lists are filled up to multiples of this where shapes should repea
 
 
 def moved(tensor: Tensor, device: torch.device) -> Tensor:
-    """The tensor on a device; it goes to a GPU through pinned memory, so that the CPU does not wait for it."""
+    """Return the tensor on a device; it goes to a GPU through pinned memory, so that the CPU does not wait for it."""
     if device.type == "cuda" and tensor.device.type == "cpu" and torch.cuda.is_available():
         tensor = tensor.pin_memory()
     return tensor.to(device, non_blocking=True)
@@ -109,13 +109,13 @@ class Rows:
         return found
 
     def filled(self) -> Rows:
-        """The same, with lists filled up, see `room`."""
+        """Return the same, with lists filled up, see `room`."""
         size, pairs = len(self.entities), int((self.known * self.known).sum())
         entities = functional.pad(self.entities, (0, 0, 0, _filled(size) - size))
         return Rows(self.own, entities, self.count, self.known, _filled(pairs), self.state)
 
     def to(self, device: torch.device) -> Rows:
-        """The same on a device: filled up on a GPU, and unchanged on the CPU."""
+        """Return the same on a device: filled up on a GPU, and unchanged on the CPU."""
         if device.type == self.own.device.type:
             return self
         here = self.filled()
@@ -183,7 +183,7 @@ def concatenated(parts: Sequence[Observed]) -> Observed:
 
 
 def _filled(size: int) -> int:
-    """The next larger multiple of FILL or, if that is more, of the highest power of 2 up to a sixteenth of `size`."""
+    """Round up to a multiple of FILL or, if that is more, of the highest power of 2 up to a sixteenth of `size`."""
     step = max(FILL, 1 << max(size.bit_length() - 5, 0))
     return (size // step + 1) * step
 

@@ -62,7 +62,7 @@ def learning() -> Iterator[None]:
 
 
 def _precision() -> str:
-    """To how many bits products on the CPU round the factors; "" if they do not."""
+    """Return to how many bits products on the CPU round the factors; "" if they do not."""
     found: str = PRODUCTS.fp32_precision if PRODUCTS else torch.get_float32_matmul_precision()
     return "" if found in EXACT else found
 

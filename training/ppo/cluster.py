@@ -35,7 +35,7 @@ class Tasks:
     """The other processes of the crew, as tasks that run on the cluster."""
 
     def __init__(self, tasks: list[Any], store: Any, opened: contextlib.ExitStack) -> None:
-        """tasks: Ray's references to their results. opened: What is closed when they are stopped."""
+        """Take Ray's references to the results of tasks. opened: What is closed when they are stopped."""
         self.tasks, self.store, self.opened = tasks, store, opened
 
     def wait(self) -> None:

@@ -44,16 +44,16 @@ class Crew:
         """Replace tensors, of one type, by their sums over all processes."""
 
     def gather(self, array: Array, axis: int = 0) -> Array:
-        """The arrays of all processes, joined along an axis in order of rank."""
+        """Return the arrays of all processes, joined along an axis in order of rank."""
         return array
 
     def gather_values(self, own: Any) -> list[Any]:
-        """The values of all processes: numbers, texts, lists and dicts of these (tuples become lists)."""
+        """Return the values of all processes: numbers, texts, lists and dicts of these (tuples become lists)."""
         return [own]
 
     @contextlib.contextmanager
     def first_ahead(self) -> Iterator[None]:
-        """A context that the first process goes through before all others: it compiles, they load."""
+        """Yield a context that the first process goes through before all others: it compiles, they load."""
         yield
 
     def close(self) -> None:
@@ -111,7 +111,7 @@ class CrewProcess(Crew):
             self._others.stop()
 
     def _gather(self, own: Array) -> Array:
-        """The bytes of all processes, equally many from each: uint8 (processes, bytes)."""
+        """Return the bytes of all processes, equally many from each: uint8 (processes, bytes)."""
         found = torch.zeros((self.size, len(own)), dtype=torch.uint8, device="cpu")
         self._run(lambda group: group.allgather([list(found)], [torch.from_numpy(own)]))
         gathered: Array = found.numpy()
@@ -235,7 +235,7 @@ def join(rank: int, size: int, host: str, first: str, port: int, work: Callable[
 
 
 def _group(store: Any, rank: int, size: int, host: str) -> Any:
-    """The group that messages are sent in: PyTorch's gloo over TCP, among the processes of the store."""
+    """Return the group that messages are sent in: PyTorch's gloo over TCP, among the processes of the store."""
     options = dist.ProcessGroupGloo._Options()  # type: ignore[attr-defined]
     options._devices = [dist.ProcessGroupGloo.create_device(hostname=host)]
     options._timeout = TIMEOUT

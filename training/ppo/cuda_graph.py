@@ -34,7 +34,7 @@ class GraphedGradients:
     """
 
     def __init__(self, device: torch.device) -> None:
-        """device: a GPU."""
+        """Capture on `device`, a GPU."""
         self.device, self.graphs = device, dict[Any, Captured | None]()
         self.memory = torch.cuda.graph_pool_handle()  # shared by all graphs, as they run one after the other
 
@@ -78,7 +78,7 @@ def _capture(compute: Compute, batch: Minibatch, memory: Any) -> Captured:
 
 
 def _copy(batch: Minibatch) -> Minibatch:
-    """A copy in memory of its own, from which nothing has been computed yet."""
+    """Return a copy in memory of its own, from which nothing has been computed yet."""
 
     def clone(values: Tensor | None) -> Any:
         return None if values is None else values.clone()
@@ -90,7 +90,7 @@ def _copy(batch: Minibatch) -> Minibatch:
 
 
 def _tensors(batch: Minibatch) -> list[Tensor]:
-    """All tensors of a minibatch, in a fixed order."""
+    """Return all tensors of a minibatch, in a fixed order."""
     seen = _rows(batch)
     found = seen.own, seen.entities, seen.count, seen.state, *(getattr(batch, name) for name in NUMBERS)
     return [values for values in found if values is not None]

@@ -99,7 +99,7 @@ class Curriculum:
         env.set_levels([Level(level.numbers, level.key or tuple(own)) for level, own in dealt], where)
 
     def state(self) -> str:
-        """The levels as text, with which a run can be resumed."""
+        """Return the levels as text, with which a run can be resumed."""
         return json.dumps(encoded(self.levels))
 
     def restore(self, given: Any) -> None:
@@ -111,7 +111,7 @@ class Curriculum:
 
 
 def joined(ended: Iterable[Ended], env: SurvivalVectorEnv) -> tuple[list[Level], dict[str, Array]]:
-    """Levels and statistics of episodes, in the order in which they ended, whichever process played them.
+    """Return levels and statistics of episodes, in the order in which they ended, whichever process played them.
 
     ended: The episodes, in any order. env: Worlds like theirs; they tell which statistics there are, even if no episode
     ended.

@@ -121,7 +121,7 @@ class Learner:
                     kept.copy_(values)
 
     def _differentiate(self, samples: Samples, part: Tensor, shared: Shared = map) -> Tensor:
-        """The figures of the loss of a minibatch of the units `part`; its gradients are left in the parameters."""
+        """Return the figures of the loss of the units `part`; its gradients are left in the parameters."""
         shares = max(1, len(part) * samples.LENGTH // (SHARE * self.crew.size)) if self.device.type == "cpu" else 1
         calls = shared if shares > 1 else map  # one share needs no other thread, and a GPU's graphs stay in this one
         parts = [each for each in calls(lambda share: self._share(samples, part, share, shares), range(shares)) if each]
@@ -139,7 +139,7 @@ class Learner:
         return figures
 
     def _share(self, samples: Samples, part: Tensor, share: int, shares: int) -> list[Tensor] | None:
-        """The figures of the loss of a share of the units, and the gradients of all parameters; None if it is empty."""
+        """Return the figures of the loss of a share of the units, and all gradients; None if it is empty."""
         batch = samples.select(part, share, shares)
         if batch is None:  # all of its samples are other processes'
             return None
@@ -150,7 +150,7 @@ class Learner:
         return [figures, *gradients]
 
     def _gradients(self, batch: Minibatch) -> tuple[Tensor, Sequence[Tensor]]:
-        """The figures of the loss of a minibatch, and the gradients of all parameters."""
+        """Return the figures of the loss of a minibatch, and the gradients of all parameters."""
         logs, values, _ = self.trained(batch.seen, batch.memory, batch.begins)
         given = Batch(**vars(batch), network=self.trained, numbers=self.numbers, logs=logs, values=values)
         loss, figures = evaluated(self.loss, given)
@@ -185,7 +185,7 @@ def _tensors(policy: Networks) -> Iterator[Tensor]:
 
 
 def explained_variance(rollout: Rollout, chosen: Array) -> float:
-    """The share of the variance of returns that values explain: 1 is all of it; NaN if returns do not vary.
+    """Return the share of the variance of returns that values explain: 1 is all of it; NaN if returns do not vary.
 
     Returns are sums of advantages and values, rounded to float32: a variation within that rounding counts as none.
     """

@@ -19,7 +19,7 @@ RESERVED = (*ALWAYS, "epochs", "learning_rate", "explained_variance")
 
 
 def advantages(rewards: Array, values: Array, ends: Array, last: Array, gamma: float, gae_lambda: float) -> Array:
-    """Generalized advantage estimates (Schulman et al., arXiv:1506.02438), float32 (steps, agents).
+    """Return generalized advantage estimates (Schulman et al., arXiv:1506.02438), float32 (steps, agents).
 
     Args:
         rewards: float32 (steps, agents); where an episode was cut off, they include the value of what would have come.
@@ -53,7 +53,7 @@ def ppo_loss(batch: Batch) -> tuple[Tensor, Figures]:
 
 
 def imitation_loss(batch: Batch) -> tuple[Tensor, Figures]:
-    """The cross-entropy of actions that are a teacher's, with the squared error of the values."""
+    """Return the cross-entropy of actions that are a teacher's, with the squared error of the values."""
     policy, value = -batch.mean(batch.log_probs), batch.mean((batch.returns - batch.values).square())
     with torch.no_grad():
         choices = batch.network.choices

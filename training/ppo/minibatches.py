@@ -105,7 +105,7 @@ class Samples:
     LENGTH = 1  # samples of a unit
 
     def __init__(self, rollout: Rollout, number: int, device: torch.device) -> None:
-        """number: The number of the learner. device: Where it is trained."""
+        """Choose the samples of a learner. number: The number of the learner. device: Where it is trained."""
         self.rollout, self.device, self.seen = rollout, device, rollout.seen.to(device)
         here = slice(rollout.first, rollout.first + rollout.actions.shape[1])
         own = {"advantages": rollout.advantages, "actions": rollout.actions, "old_log_probs": rollout.log_probs}
@@ -118,12 +118,12 @@ class Samples:
         self.units = torch.from_numpy(np.flatnonzero(rollout.learner == number))
 
     def select(self, part: Tensor, share: int = 0, shares: int = 1) -> Minibatch | None:
-        """This process's share of the minibatch of some units, or a share of that; None if it has none of them."""
+        """Return this process's share of the minibatch of some units, or a share of that; None if it has none."""
         weights = torch.full((len(part),), 1 / len(part), dtype=torch.float64, device="cpu")
         return self._select(part, weights, share, shares)
 
     def _select(self, index: Tensor, weights: Tensor, share: int, shares: int) -> Minibatch | None:
-        """The same for the minibatch of some samples of all processes, with their weights, both on the CPU."""
+        """Return the same for the minibatch of some samples of all processes, with their weights, both on the CPU."""
         where, own = self.rollout.here(index)
         if shares > 1:
             some = torch.arange(len(own), **INDEX).view(self.LENGTH, -1).tensor_split(shares, 1)[share].flatten()
@@ -155,7 +155,7 @@ class Chunks(Samples):
     LENGTH = CHUNK
 
     def __init__(self, rollout: Rollout, number: int, device: torch.device) -> None:
-        """rollout: Has a multiple of CHUNK steps. number: The number of the learner. device: Where it is trained."""
+        """Choose from `rollout`, of a multiple of CHUNK steps. number, device: Of the learner."""
         super().__init__(rollout, number, device)
         mine = rollout.learner == number
         self.agents = mine.shape[1]
@@ -165,7 +165,7 @@ class Chunks(Samples):
         self.memory = moved(torch.from_numpy(rollout.memory.reshape(-1, rollout.memory.shape[2])), device)
 
     def select(self, part: Tensor, share: int = 0, shares: int = 1) -> Minibatch | None:
-        """This process's share of the minibatch of some units, or a share of that: step after step of all units."""
+        """Return this process's share of the minibatch of some units, or a share of that, step after step."""
         first = part // self.agents * (CHUNK * self.agents) + part % self.agents
         index = (first + torch.arange(CHUNK, **INDEX)[:, None] * self.agents).flatten()
         weights = self.mine.index_select(0, index).double()

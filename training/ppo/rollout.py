@@ -75,7 +75,7 @@ class RewardScale:
     LEAST = 1e-8  # below it there is no spread to speak of, and rewards stay as they are
 
     def __init__(self, agents: int, gamma: float) -> None:
-        """agents: How many there are in all worlds. gamma: Discount of a step."""
+        """Make room for a rollout. agents: How many there are in all worlds. gamma: Discount of a step."""
         self.gamma, self.sums = gamma, np.zeros(agents)
         self.count, self.mean, self.variance = 0.0, 0.0, 1.0
 
@@ -109,7 +109,7 @@ class RewardScale:
             raise TrainingError(f"rewards {wrong}")
 
     def wrong(self, where: str = "") -> str:
-        """Say which number is out of the bounds in which a run can go on, and what these are; "": none is.
+        """Name the number that is out of the bounds in which a run can go on, and these; "": none is.
 
         where: What is said after the name of the number.
         """

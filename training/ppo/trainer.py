@@ -161,7 +161,10 @@ class Trainer:
         curriculum.ask(progress)
 
     def policy_files(self, header: Mapping[str, Any]) -> dict[str, bytes]:
-        """The files of a checkpoint that a Player needs. header: Further entries of run.json, see TrainingConfig."""
+        """Return the files of a checkpoint that a Player needs.
+
+        header: Further entries of run.json, see TrainingConfig.
+        """
         first = {"version": run_header.VERSION, "steps": self.steps, "preset": self.preset.name}
         last = {
             "scenario": fingerprint(self.env.scenario),
@@ -270,7 +273,7 @@ class Trainer:
         return tags | {"imitation/agent_steps": float(done + each)}
 
     def _teacher(self) -> Plain:
-        """Who is imitated, as a function of what agents observe and of uniform numbers."""
+        """Return the policy that is imitated, as a function of what agents observe and of uniform numbers."""
         (name, _), env = self.config.teacher, self.env
         if self.teacher is None:
             return plain(name, env)
@@ -283,12 +286,12 @@ class Trainer:
             self.env.set_numbers(**numbers)
 
     def captured(self) -> tuple[State, dict[str, Array]]:
-        """The worlds of all processes, and the states of their lanes."""
+        """Return the worlds of all processes, and the states of their lanes."""
         state = self.env.get_state()
         return State(state.scenario, self._joined(state.arrays)), self.captured_lanes()
 
     def captured_lanes(self) -> dict[str, Array]:
-        """The states of the lanes of all processes, (worlds, ...) by name."""
+        """Return the states of the lanes of all processes, (worlds, ...) by name."""
         return self._joined(self.lane.state())
 
     def restore_worlds(self, worlds: State) -> None:
@@ -300,7 +303,7 @@ class Trainer:
         self.lane.restore({name: values[self.lane.rows] for name, values in lanes.items()})
 
     def _joined(self, own: Mapping[str, Array]) -> dict[str, Array]:
-        """Arrays of all processes, by name, in order of the worlds."""
+        """Return arrays of all processes, by name, in order of the worlds."""
         return {name: self.crew.gather(np.ascontiguousarray(values)) for name, values in own.items()}
 
     def _everyones(self, get: Callable[[Lane], list[Any]]) -> list[Any]:
@@ -359,7 +362,7 @@ def by_name(what: str, given: Mapping[str, Any], names: Sequence[str]) -> list[A
 
 
 def _device(name: Any) -> torch.device:
-    """The device of that name. Raises TrainingError if there is none."""
+    """Return the device of that name. Raises TrainingError if there is none."""
     try:
         device = torch.device(name)
         torch.empty(0, dtype=torch.float32, device=device)

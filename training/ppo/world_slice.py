@@ -284,7 +284,7 @@ class Lane:
 
     @playing()
     def _values(self, policies: Sequence[Networks]) -> Tensor:
-        """The learners' values of the worlds as they are, float32 (agents,); 0 for agents that opponents play."""
+        """Return the learners' values of the worlds now, float32 (agents,); 0 for agents of opponents."""
         seen, values = self.observe(), torch.zeros(self.agents, **FLOAT)
         for (index, number), group in self.groups.items():
             if not index:
@@ -314,7 +314,7 @@ class Lane:
         return seen if len(group.members) == self.agents else seen.select(group.members)
 
     def _batch(self, some: Any) -> dict[str, Array]:
-        """The observations of some agents, padded, (some, ...) by key."""
+        """Return the observations of some agents, padded, (some, ...) by key."""
         views = self.env._reader.views
         return {key: values.reshape(self.agents, *values.shape[2:])[some] for key, values in views.items()}
 

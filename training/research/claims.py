@@ -102,12 +102,15 @@ def findings(groups: Sequence[PaperGroup]) -> Iterator[ClaimResult]:
 
 
 def claims_table(found: Sequence[ClaimResult]) -> str:
-    """The table of findings, in Markdown."""
+    """Return the table of findings, in Markdown."""
     return markdown_table(HEADS, [each.cells for each in found])
 
 
 def curve(run: Curves, quantity: Quantity) -> Array:
-    """A quantity of all sides of a run, (points,): the sum of kills, the mean of others. NaN if the run lacks it."""
+    """Return a quantity of all sides of a run, (points,): the sum of kills, the mean of others.
+
+    NaN if the run lacks it.
+    """
     own = [run.values[tag] for tag in run.tags(quantity)]
     if not own:
         return np.full(len(run.steps), np.nan)
@@ -116,7 +119,7 @@ def curve(run: Curves, quantity: Quantity) -> Array:
 
 
 def part(run: Curves, quantity: Quantity, first: float, last: float) -> float:
-    """The mean of a part of a curve, from one share of its points to another; NaNs are left out."""
+    """Return the mean of a part of a curve, from one share of its points to another; NaNs are left out."""
     values = curve(run, quantity)
     there = values[round(first * len(values)) : max(round(first * len(values)) + 1, round(last * len(values)))]
     there = there[np.isfinite(there)]
@@ -124,17 +127,17 @@ def part(run: Curves, quantity: Quantity, first: float, last: float) -> float:
 
 
 def end(run: Curves, quantity: Quantity) -> float:
-    """The mean of the last tenth."""
+    """Return the mean of the last tenth."""
     return part(run, quantity, 0.9, 1.0)
 
 
 def peak(run: Curves, quantity: Quantity) -> float:
-    """The maximum of the moving average."""
+    """Return the maximum of the moving average."""
     return float(np.nanmax(smooth(curve(run, quantity)), initial=np.nan))
 
 
 def peak_at(run: Curves, quantity: Quantity) -> float:
-    """Where the maximum of the moving average is, in millions of agent-steps."""
+    """Return where the maximum of the moving average is, in millions of agent-steps."""
     return float(run.steps[np.nanargmax(smooth(curve(run, quantity)))]) / MILLION
 
 
@@ -144,25 +147,25 @@ def left(run: Curves, quantity: Quantity) -> float:
 
 
 def at(run: Curves, quantity: Quantity, millions: float) -> float:
-    """The moving average after so many millions of agent-steps."""
+    """Return the moving average after so many millions of agent-steps."""
     averages = smooth(curve(run, quantity))
     return float(averages[min(int(np.searchsorted(run.steps, millions * MILLION)), len(averages) - 1)])
 
 
 def grows(run: Curves, quantity: Quantity) -> float:
-    """The mean of the last third over that of the first third."""
+    """Return the mean of the last third over that of the first third."""
     return over(part(run, quantity, 2 / 3, 1), part(run, quantity, 0, 1 / 3))
 
 
 def together(run: Curves, one: Quantity, other: Quantity) -> float:
-    """The correlation of the moving averages of two quantities."""
+    """Return the correlation of the moving averages of two quantities."""
     averages = np.stack([smooth(curve(run, each)) for each in (one, other)])
     there = averages[:, np.isfinite(averages).all(0)]
     return float(np.corrcoef(there)[0, 1]) if there.std(1).all() else float("nan")
 
 
 def over(one: float, other: float) -> float:
-    """One over the other; infinite if the other is 0, NaN if both are."""
+    """Divide one by the other; infinite if the other is 0, NaN if both are."""
     return one / other if other else math.inf if one else math.nan
 
 

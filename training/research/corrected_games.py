@@ -143,12 +143,12 @@ def _cells(game: str, seeds: Sequence[Sequence[Row]]) -> list[str]:
 
 
 def _mean(rows: Sequence[Row], other: str, name: str) -> float:
-    """A figure of the last policy against another one, or against itself: the mean over its roles there."""
+    """Return a figure of the last policy against another one, or against itself: the mean over its roles there."""
     return float(np.mean([float(row[f"{name} mean"]) for row in _against(rows, other)]))
 
 
 def _against(rows: Sequence[Row], other: str) -> list[Row]:
-    """The rows of the last policy against another one, or against itself: one for each of its roles there."""
+    """Return the rows of the last policy against another one, or against itself: one for each of its roles there."""
     found = [row for row in rows if (row["policy"], row["against"]) == (LAST, other)]
     if not found:
         raise TrainingError(f"{LAST} has not played against {other}")

@@ -93,21 +93,21 @@ class Experiment:
         return 2 if self.part == "mended" else 3
 
     def words(self, seed: int) -> list[str]:
-        """Arguments and options of `outlast train` for a run."""
+        """Return arguments and options of `outlast train` for a run."""
         own = ("--steps", str(self.steps), "--seed", str(seed), "--threads", "1")
         changed = (word for pair in self.numbers for word in ("--set", pair))
         return [self.game, "--preset", self.preset, *changed, *self.options, *own]
 
     def folder(self, out: Path, seed: int) -> Path:
-        """The folder of a run."""
+        """Return the folder of a run."""
         return out / "runs" / self.part / f"{self.name}-{self.preset}-{seed}"
 
     def policy(self, out: Path, run: Path) -> Path:
-        """The policy of a run in `results`: its newest checkpoint, or what is kept of that."""
+        """Return the policy of a run in `results`: its newest checkpoint, or what is kept of that."""
         return newest(run) if run.is_dir() else self.kept_policy(out, run)
 
     def kept_policy(self, out: Path, run: Path) -> Path:
-        """The file in which the policy of a run is kept."""
+        """Return the file in which the policy of a run is kept."""
         kind = KEPT_AS if self.part == "mended" else self.preset
         seed = run.name.rpartition("-")[2]
         return out / "policies" / self.name / f"{kind}-{seed}{SUFFIX}"
@@ -118,7 +118,7 @@ class Experiment:
         return f"{self.name}.webm" if self.part == "mended" else f"{self.name}-{self.preset}.webm"
 
     def results(self, out: Path) -> list[Path]:
-        """Its complete runs, in order of seeds: their folders, or what is kept of them in the folder of the part.
+        """Return its complete runs by seed: their folders, or what is kept of them in the folder of the part.
 
         A run that is kept, with its policy, does not need its folder any more. Where both are there, the folder counts.
         """
@@ -130,12 +130,12 @@ class Experiment:
         return [by_seed[seed] for seed in sorted(filter(str.isdecimal, by_seed), key=int)]
 
     def steps_done(self, out: Path, seed: int) -> int:
-        """Agent-steps of a run, by its log or by what is kept."""
+        """Return agent-steps of a run, by its log or by what is kept."""
         folder = self.folder(out, seed)
         return max(last_step(folder / LOG), self._kept(out).get(folder.name, 0))
 
     def _kept(self, out: Path) -> dict[str, int]:
-        """Agent-steps of all runs of its part that are kept, by name."""
+        """Return agent-steps of all runs of its part that are kept, by name."""
         return {name: int(curves.steps[-1]) for name, (_, curves) in kept_runs(out / self.part).items()}
 
     @property
@@ -145,7 +145,7 @@ class Experiment:
 
 
 def experiments(parts: Iterable[str]) -> list[Experiment]:
-    """The experiments of some parts."""
+    """Return the experiments of some parts."""
     every = [
         *_trained_as("original", "original"),
         *_trained_as("text", "paper"),
@@ -182,7 +182,7 @@ def expected_seconds(chosen: Sequence[Experiment]) -> tuple[list[float], list[bo
 
 
 def seconds_table(chosen: Iterable[Experiment], out: Path, before: str = "") -> str:
-    """The content of SECONDS: for each experiment, the mean over its complete runs whose folders are there.
+    """Return the content of SECONDS: for each experiment, the mean over its complete runs whose folders are there.
 
     out: The output folder of the command. before: The table as it was: what it says of experiments without such a
     folder stays.

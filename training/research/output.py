@@ -54,7 +54,7 @@ def write_part(part: str, chosen: Sequence[Experiment], out: Path, progress: Pro
 
 
 def _beside_the_paper(part: str, there: Sequence[Experiment], out: Path, progress: Progress) -> Iterator[Path]:
-    """Results to keep, figures and tables."""
+    """Yield results to keep, figures and tables."""
     runs = load_runs(place for each in there for place in each.results(out))
     yield from _written(curves_to_keep(runs, out / part) | _policies(there, out))
     games = {each.game for each in there}
@@ -66,7 +66,7 @@ def _beside_the_paper(part: str, there: Sequence[Experiment], out: Path, progres
 
 
 def _mended(part: str, there: Sequence[Experiment], out: Path, progress: Progress) -> Iterator[Path]:
-    """Policies, curves and what was measured, to keep; a table, and a figure for each variant."""
+    """Yield policies, curves and what was measured, to keep; a table, and a figure for each variant."""
     study = out / part
     curves, measured = kept_runs(study), mended.read_measured(study / mended.FILE)
     for each in there:
@@ -104,7 +104,7 @@ def _written(contents: dict[Path, bytes]) -> list[Path]:
 
 
 def _policies(there: Sequence[Experiment], out: Path) -> dict[Path, bytes]:
-    """Policies to keep of the runs whose folders are there, by path."""
+    """Return policies to keep of the runs whose folders are there, by path."""
     runs = ((each, run) for each in there for run in each.results(out) if run.is_dir())
     return {each.kept_policy(out, run): policy_file.content(*weights_of(newest(run))) for each, run in runs}
 

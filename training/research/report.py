@@ -52,7 +52,7 @@ class EndRow:
 
 
 def rows(group: PaperGroup) -> Iterator[EndRow]:
-    """A row for each curve of the group's runs."""
+    """Yield a row for each curve of the group's runs."""
     for quantity in QUANTITIES:
         for tag in group.runs[0].curves.tags(quantity):
             ours = [run.curves for run in group.ended if tag in run.curves.values]
@@ -76,7 +76,7 @@ def verdict(group: PaperGroup, row: EndRow) -> str:
 
 
 def markdown(group: PaperGroup) -> str:
-    """The end values of a group: a paragraph with variant, preset, seeds and notes, and a table."""
+    """Return the end values of a group: a paragraph with variant, preset, seeds and notes, and a table."""
     seeds = ", ".join(str(run.seed) for run in group.runs)
     notes = "".join(f" {note}." for note in group.notes())
     title = f"`{group.variant}`, preset `{group.preset}`, seed{'s' * (len(group.runs) > 1)} {seeds}.{notes}"
@@ -102,7 +102,7 @@ def _with_deviation(mean: float, deviation: float) -> str:
 
 
 def csv_table(groups: Iterable[PaperGroup]) -> str:
-    """The table as CSV, with a row for each quantity and all digits that mean something."""
+    """Return the table as CSV, with a row for each quantity and all digits that mean something."""
     records = [_record(group, row) for group in groups for row in rows(group)]
     return csv_text(list(records[0]), (record.values() for record in records))
 
@@ -164,7 +164,7 @@ def report(groups: Sequence[PaperGroup], beside: Sequence[PaperGroup] = ()) -> s
 
 
 def figures_and_tables(groups: Sequence[PaperGroup], form: str, beside: Sequence[PaperGroup] = ()) -> dict[str, bytes]:
-    """The contents of all files, by name: the figures, the tables in Markdown, and the end values as CSV.
+    """Return the contents of all files, by name: the figures, the tables in Markdown, and the end values as CSV.
 
     form: Format of the figures: "png" or "svg". beside: Runs with other presets, to compare with in the table of all
     presets. Raises TrainingError: there is no matplotlib.

@@ -99,7 +99,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _chosen(options: argparse.Namespace) -> list[Experiment]:
-    """The experiments that are asked for. Raises TrainingError."""
+    """Return the experiments that are asked for. Raises TrainingError."""
     for part in options.parts:
         if part not in PARTS:
             raise TrainingError(f"there is no part '{part}'; known: {', '.join(PARTS)}")
@@ -111,7 +111,7 @@ def _chosen(options: argparse.Namespace) -> list[Experiment]:
 
 
 def _plan(chosen: Sequence[Experiment], options: argparse.Namespace) -> Plan:
-    """All runs, the first seed of every experiment ahead of the second."""
+    """Return all runs, the first seed of every experiment ahead of the second."""
     counts = [options.seeds or each.seeds for each in chosen]
     rounds = range(options.first, options.first + max(counts))
     return [(each, seed) for seed in rounds for each, count in zip(chosen, counts) if seed - options.first < count]
@@ -138,7 +138,7 @@ def _said(plan: Plan, seconds: Sequence[float], timed: Sequence[bool], out: Path
 
 
 def _end(seconds: Sequence[float], jobs: int) -> float:
-    """When the last of these runs ends, of which so many go on at a time: each begins, in order, when one has ended."""
+    """Estimate when the last of these runs ends: so many go on at a time, and one begins when another has ended."""
     ends = [0.0] * jobs
     for each in seconds:
         heapq.heapreplace(ends, ends[0] + each)

@@ -42,7 +42,7 @@ def is_kept(tag: str) -> bool:
 
 
 def published_curves(variant: str) -> Curves:
-    """The paper's curves of a variant, by its name: "ffa_2"."""
+    """Return the paper's curves of a variant, by its name: "ffa_2"."""
     with as_file(files(__package__).joinpath(FILE)) as path:
         return read_curves(path)[variant][1]
 
@@ -125,7 +125,7 @@ class PaperGroup:
         return base(self.variant) != self.variant
 
     def notes(self) -> list[str]:
-        """Sentences on how these runs differ from the paper's: in length, in settings."""
+        """Return sentences on how these runs differ from the paper's: in length, in settings."""
         short = [f"seed {run.seed} ({run.steps / 1e6:.1f} million agent-steps)" for run in self.runs if not run.done]
         other = [f"{key} = {value}" for key, value in self.runs[0].unlike.items()]
         notes = ["Unfinished: " + ", ".join(short)] if short else []
@@ -140,7 +140,7 @@ def load_runs(places: Iterable[Path]) -> list[PaperRun]:
 
 
 def _of_the_paper(run: Run) -> PaperRun:
-    """The run, with what differs from the paper's game. Raises TrainingError if it is of another one."""
+    """Return the run, with what differs from the paper's game. Raises TrainingError if it is of another one."""
     wrong = f"{run.origin} is no run of the paper's"
     if run.beyond:
         raise TrainingError(f"{wrong}: its game has {', '.join(run.beyond)}; `outlast plot` compares it")
@@ -156,7 +156,10 @@ def _of_the_paper(run: Run) -> PaperRun:
 
 
 def group_runs(results: Iterable[PaperRun]) -> list[PaperGroup]:
-    """Groups in order of names. Raises TrainingError if runs of one variant and preset differ in more than seeds."""
+    """Return groups in order of names.
+
+    Raises TrainingError if runs of one variant and preset differ in more than seeds.
+    """
     groups: dict[str, list[PaperRun]] = {}
     for result in results:
         together = groups.setdefault(f"{result.variant}-{result.plan['preset']}", [])
@@ -169,7 +172,7 @@ def group_runs(results: Iterable[PaperRun]) -> list[PaperGroup]:
 
 
 def _difference(one: PaperRun, other: PaperRun) -> str:
-    """Say which setting is the first that differs; empty if none does."""
+    """Name the first setting that differs; empty if none does."""
     for key in sorted(one.settings.keys() | other.settings.keys()):
         mine, its = (run.settings.get(key, ABSENT) for run in (one, other))
         if mine != its:
@@ -178,7 +181,7 @@ def _difference(one: PaperRun, other: PaperRun) -> str:
 
 
 def files_to_keep(runs: Sequence[PaperRun], folder: Path) -> dict[Path, bytes]:
-    """Curves and newest policies to keep, by path. Raises TrainingError as `curves_to_keep`."""
+    """Return curves and newest policies to keep, by path. Raises TrainingError as `curves_to_keep`."""
     contents = {}
     for run in runs:  # the last checkpoint of a run's folder, or the policy that is kept
         kept = run.origin.with_name(f"{run.origin.name}{policy_file.SUFFIX}")
@@ -190,7 +193,7 @@ def files_to_keep(runs: Sequence[PaperRun], folder: Path) -> dict[Path, bytes]:
 
 
 def curves_to_keep(runs: Sequence[PaperRun], folder: Path) -> dict[Path, bytes]:
-    """Curves to keep, by path, with those of other runs that the folder keeps already.
+    """Return curves to keep, by path, with those of other runs that the folder keeps already.
 
     Raises TrainingError: a run would take the place of another one.
     """

@@ -77,7 +77,7 @@ class ChildRun:
             self.process.send_signal(signal.SIGUSR1)
 
     def steps(self) -> int:
-        """Agent-steps done, according to the run's log."""
+        """Return agent-steps done, according to the run's log."""
         return log_file.last_step(self.folder / log_file.NAME)
 
     def report(self) -> int:

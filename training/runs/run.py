@@ -49,13 +49,13 @@ class Callbacks:
     """
 
     def on_rollout(self, run: "TrainingRun", rollout: Rollout) -> None:
-        """Called after each rollout, before the update that it is for; run.done does not count it yet."""
+        """Act after a rollout, before its update; run.done does not count it yet."""
 
     def on_update(self, run: "TrainingRun", tags: dict[str, float]) -> None:
-        """Called after each update, when it counts as done. tags: What was logged."""
+        """Act after an update, which counts as done. tags: What was logged."""
 
     def on_checkpoint(self, run: "TrainingRun", path: Path) -> None:
-        """Called when a checkpoint was written, except for the one that an interrupt or an error leaves."""
+        """Act when a checkpoint is written, except for the one that an interrupt or an error leaves."""
 
 
 MOMENTS = {name for name in vars(Callbacks) if name.startswith("on_")}
@@ -301,12 +301,12 @@ class TrainingRun:
         self.saved = steps
 
     def _there(self) -> set[str]:
-        """Names of what is in the folder, without temporary files and that of the lock."""
+        """Return names of what is in the folder, without temporary files and that of the lock."""
         paths = self.folder.iterdir() if self.folder.is_dir() else ()
         return {path.name for path in paths if not is_temporary(path) and not is_lock(path)}
 
     def _find_checkpoint(self, there: set[str], resume: bool) -> dict[str, bytes] | None:
-        """The checkpoint to go on from, if there is one. there: What is in the folder."""
+        """Return the checkpoint to go on from, if there is one. there: What is in the folder."""
         if there and not resume:
             raise TrainingError(f"{self.folder} is not empty: go on with --resume, or choose another folder with --out")
         if not resume or (self.folder.is_dir() and not there):  # it was stopped before run.json was written
@@ -383,7 +383,7 @@ class TrainingRun:
             raise TrainingError(f"the run in {self.folder} was begun with {others}: {cure}")
 
     def _numbers(self, settings: Any) -> dict[str, Hyperparameters] | None:
-        """The preset's hyperparameters with these settings by policy; None if they are no settings."""
+        """Return the preset's hyperparameters with these settings by policy; None if they are no settings."""
         with contextlib.suppress(TrainingError, TypeError, AttributeError):
             return preset(self.config.preset).numbers.by_policy(settings)
         return None

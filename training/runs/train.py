@@ -159,7 +159,7 @@ def _logged_last(folder: Path) -> dict[str, float]:
 
 
 def usual_folder(config: TrainingConfig) -> Path:
-    """The folder of a run for which none is named."""
+    """Return the folder of a run for which none is named."""
     return Path("runs", f"{config.scenario.file_name}-{config.preset}-{config.seed}")
 
 

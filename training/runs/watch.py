@@ -45,7 +45,7 @@ class RunWatcher:
         self.lock = threading.Lock()  # protects `log`
 
     def status(self) -> Json:
-        """The state of the run: a message, the newest checkpoint, the newest episode's checkpoint, and figures."""
+        """Return the state of the run: a message, its newest checkpoint, the newest episode's one, and figures."""
         self.asked = time.monotonic()
         found = self._checkpoints()
         with self.lock:
@@ -64,7 +64,7 @@ class RunWatcher:
         }
 
     def episode(self) -> Json | None:
-        """The newest episode. Once it has been fetched, another one is recorded."""
+        """Return the newest episode. Once it has been fetched, another one is recorded."""
         self.asked, found = time.monotonic(), self.recorded
         self.taken = True
         return found
@@ -80,7 +80,7 @@ class RunWatcher:
                 self._record(source, number, stop)
 
     def _wanted(self) -> tuple[Path, int] | None:
-        """The checkpoint to record an episode of now, if any."""
+        """Return the checkpoint to record an episode of now, if any."""
         if time.monotonic() - self.asked > AWAY:
             return None
         source = next((found for found in self._checkpoints() if found not in self.broken), None)
@@ -112,7 +112,7 @@ class RunWatcher:
         self.recorded, self.source, self.taken = made, source, False
 
     def _checkpoints(self) -> list[tuple[Path, int]]:
-        """The checkpoints and when they were written (nanoseconds since 1970), the newest first."""
+        """Return the checkpoints and when they were written (nanoseconds since 1970), the newest first."""
         found = []
         with contextlib.suppress(OSError):  # the folder cannot be read now
             for path in reversed(checkpoints(self.folder)):
@@ -179,13 +179,13 @@ def _ticks(recorded: Recorded) -> int:
 
 
 def _published(known: Json, recorded: Recorded, *, whole: bool) -> Json:
-    """An episode as a page gets it, see Feed. known: what is known of it ahead: number, steps, game."""
+    """Return an episode as a page gets it, see Feed. known: what is known of it ahead: number, steps, game."""
     data = base64.b64encode(pack([PageRoom(known["game"], recorded)])).decode()
     return known | {"ticks": _ticks(recorded), "whole": whole, "data": data}
 
 
 def _steps(path: Path) -> int:
-    """Agent-steps in the name of a checkpoint; 0 if it was given another name."""
+    """Return agent-steps in the name of a checkpoint; 0 if it was given another name."""
     number = path.stem.rpartition("_")[2]
     return int(number) if number.isdecimal() else 0
 
