@@ -22,12 +22,14 @@ import numpy as np
 
 import outlast
 from outlast.components import Bag, Body, Item, Shape
+from outlast.components.hide_and_seek import Doors
 from outlast.ecs import Entity
 from outlast.envs.cli.main import main as outlast_command
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rendering.layers import LAYERS, CamerasLayer, LidarLayer, Scene
 from outlast.envs.rendering.rgb import draw
 from outlast.envs.rollout.policies import POLICIES
+from outlast.envs.scenarios.hide_and_seek import HIDE_2V2
 from outlast.systems import Lidar, Maze, Pillars, Rooms
 
 DOCS = Path(__file__).resolve().parent
@@ -161,19 +163,21 @@ def tag() -> Image:
 
 
 def hide_and_seek() -> Image:
-    """Hiders behind boxes that they have locked in the doors, a box on its way there, and seekers outside."""
-    sys.path.insert(0, str(DOCS / "examples"))
-    from hide_and_seek import HIDE_AND_SEEK
-
-    env = played(HIDE_AND_SEEK, 0, 0)
+    """A hider has locked a crate in the door, another holds one; seekers are outside, one of them comes up a ramp."""
+    env = played(HIDE_2V2.replace(quadrant_closed=1, cameras_fov=math.pi), 0, 0)
     idle, grab, lock = (3, 3, 3, 0, 1), (3, 3, 3, 1, 1), (3, 3, 3, 0, 2)
-    agents = [(-0.6, 2.0, 0), (-3.2, 0.2, -math.pi / 2), (3.0, 3.0, 0), (5.5, -3.0, 0)]
-    boxes = [(0.75, 2.0, math.pi / 2), (-3.6, -1.0, 0), (-5.5, 3.5, 0.4), (3.2, -1.2, 0.2)]
-    for kind, places in (("agent", agents), ("box", boxes)):
-        for number, (x, y, angle) in enumerate(places):
-            env.place(kind, number, x=x, y=y, angle=angle)
+    doors = env.worlds[Doors]
+    k = int(doors.open[0].argmax())
+    x, y = float(doors.x[0, k]), float(doors.y[0, k])
+    agents = [(x + 0.5 * (k == 0), y - 0.5 * (k == 1), 0.5 * math.pi * k + math.pi * (k == 0)), (2.2, -2.2, math.pi)]
+    agents += [(-2.0, 1.5, -0.8), (-1.1, 1.6, math.pi)]
+    things = [("crate", 0, x, y, 0.0), ("crate", 1, 1.6, -2.3, 0.3), ("ramp", 0, -1.9, 1.6, math.pi)]
+    for number, (x, y, angle) in enumerate(agents):
+        env.place("agent", number, x=x, y=y, angle=angle)
+    for kind, number, x, y, angle in things:
+        env.place(kind, number, x=x, y=y, angle=angle)
     # first an idle tick, as agents can only handle what they have seen
-    for actions in ([idle] * 4, [lock, grab, idle, idle]):
+    for actions in ([idle] * 4, [lock, grab, idle, (6, 3, 3, 0, 1)]):
         env.step(np.array([actions]))
     return draw(env.worlds, 0, 400)
 

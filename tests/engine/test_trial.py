@@ -42,6 +42,7 @@ from outlast.ecs.checks import trial
 from outlast.ecs.kernels import random as draws
 from outlast.ecs.kernels.random import integer, normal, uniform
 from outlast.ecs.kernels.simd import load, store
+from outlast.envs.scenarios.hide_and_seek import SCENARIOS
 from outlast.systems import Behaviour, FineMotors, Lidar, Maze, Pillars, Rooms, Walls
 from tests.conftest import COMPILED, few_by_day, scaled
 from tests.helpers import toy_game
@@ -54,7 +55,7 @@ ROUNDS = 3
 VARIANTS = [f"{kind}_{k}" for kind in ("ffa", "teams") for k in range(1, 5)]
 USED = draws, hurt, integer, load, math, normal, store, uniform, Offset, Rows, SelfView, Side, Write, of  # by texts
 MORE: dict[str, Any] = {
-    "hide and seek": lambda: example("hide_and_seek")["HIDE_AND_SEEK"],
+    **{name: lambda game=game: game for name, game in SCENARIOS.items()},
     "tag": lambda: example("tag")["TAG"],
     "poison": lambda: outlast.variant("teams_2").with_(example("poison")["Poison"]()),
     **{

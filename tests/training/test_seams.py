@@ -13,8 +13,8 @@ pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
 
 import torch
 
-from docs.examples.hide_and_seek import HIDE_AND_SEEK
 from docs.examples.own_ppo import Pooled, Predicting, kl_penalty, predicting
+from outlast.envs.scenarios.hide_and_seek import HIDE_DOOR
 from outlast.training.base.errors import TrainingError
 from outlast.training.policies.player import Player
 from outlast.training.policies.policy import ActorCritic
@@ -126,7 +126,7 @@ def test_networks_of_ones_own(networks: Any, options: dict[str, Any], tmp_path: 
 def test_sides_have_networks_and_numbers_of_their_own(tmp_path: Path) -> None:
     """Seekers lack grab and lock, learn more slowly, and by other networks; a resumed run is the same to the byte."""
     roles = {"hider": outlast.role(2), "seeker": outlast.role(2, without=["grab", "lock"])}
-    game = HIDE_AND_SEEK.roles(**roles).replace(ending_limit=20, preparation_ticks=5)
+    game = HIDE_DOOR.roles(**roles).replace(ending_limit=20, preparation_ticks=5, handling_reach=3)
     seekers: dict[str, Any] = {
         "seeker:learning_rate": 1e-4,
         "seeker:n_epochs": 3,
