@@ -120,7 +120,7 @@ def _wrong_path(code: Any) -> tuple[int, str] | None:
 
 
 class _Uses:
-    """How a function uses tables and columns: the system, or a function that it calls.
+    """Uses of tables and columns by a function: the system, or one that it calls.
 
     names: what the function's parameters stand for, as far as that is known. trail: the places of the calls that lead
     to it, each followed by "; ".
@@ -138,7 +138,7 @@ class _Uses:
                     self.names[name] = what
 
     def _of(self, node: ast.AST) -> tuple[type[Component], str, str] | None:
-        """Component, access and column that an expression stands for; None if it is something else."""
+        """Return the component, access and column that an expression stands for; None if it is something else."""
         match node:
             case ast.Name(id=name):
                 return self.names.get(name)

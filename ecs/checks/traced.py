@@ -39,7 +39,7 @@ CANNOT_BE = re.compile(r"\(\) (missing|takes|got) |item assignment|integer -?\d+
 
 
 class Refused(Exception):
-    """What a system does against its declarations, and the kind of error that it is."""
+    """A violation of a system's declarations, and its kind of error."""
 
     def __init__(self, text: str, kind: type[EngineError] = DeclarationError) -> None:
         super().__init__(text)
@@ -48,7 +48,7 @@ class Refused(Exception):
 
 @dataclass(frozen=True)
 class Tag:
-    """What an integer says of the rows that have `components`: "row", "index" among them, or "size"."""
+    """The meaning of an integer for the rows that have `components`: "row", "index" among them, or "size"."""
 
     what: str
     components: tuple[type[Component], ...]
@@ -79,7 +79,7 @@ def tagged(kind: Any, value: Any, tag: Tag) -> Any:
 
 @dataclass
 class Guard:
-    """What may be done with an array."""
+    """Permitted uses of an array."""
 
     title: str  # what errors call it
     system: "Traced"

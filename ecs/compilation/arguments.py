@@ -42,7 +42,7 @@ Array = np.ndarray[Any, Any]
 
 @dataclass
 class ArgumentLayout:
-    """Which slot holds which argument: each method assigns the next free slots to an argument and returns the first."""
+    """Slots of arguments: each method assigns the next free slots to an argument and returns the first."""
 
     size: int = COUNT + 1
     arrays: dict[int, tuple[Callable[[Any], Array], int]] = field(default_factory=dict)
@@ -151,7 +151,7 @@ class ArgumentBlock:
 
 @dataclass(frozen=True)
 class View:
-    """How a kernel sees an array. What is None is read from the slots, and is no part of the machine code."""
+    """A kernel's view of an array. What is None is read from the slots, and is no part of the machine code."""
 
     dtype: np.dtype[Any]
     ndim: int  # in one world
@@ -245,7 +245,7 @@ def _load_slot(builder: Any, slots: Any, slot: Any) -> Any:
 
 
 def _array(context: Any, builder: Any, slots: Any, start: Any, w: Any, view: View, packed: bool) -> Any:
-    """Numba's array structure for world w, from the slots that begin at `start` and from what `view` knows.
+    """Return numba's array structure for world w, from the slots at `start` and from what `view` knows.
 
     Packed columns share one stride, so that it is loaded and multiplied once for all of them.
     """

@@ -74,7 +74,7 @@ class CacheKey:
         return f"{_versions()} {sorted(OPTIONS.items())} {processor} {settings}"
 
     def size(self, label: str) -> int:
-        """Bytes of the bytecode that the machine code is made from: the more, the longer compiling takes."""
+        """Return the bytes of the bytecode that machine code is made from: the more, the longer compiling takes."""
         return sum(len(function.__code__.co_code) for function in self._closure(self._roots[label]))
 
     def kernel_digests(self) -> Iterator[tuple[Any, str]]:

@@ -97,7 +97,7 @@ class Unit:
 
 
 class Generator:
-    """Generates a unit, by one of its methods.
+    """A generator of units, by its methods.
 
     python: whether it runs as Python. outside: whether its system is from outside of outlast. specialize: whether
     shapes, places and lists of rows become part of its machine code. tables: the views that were made for tables of

@@ -1,4 +1,4 @@
-"""What a mechanic says of itself: components, events, fields, access, systems, phases, numbers, archetypes, roles.
+"""Declarations of mechanics: components, events, fields, access, systems, phases, numbers, archetypes, roles.
 
 A declaration is checked when it is made, by itself, and refers to no batch of worlds.
 """

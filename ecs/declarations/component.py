@@ -289,7 +289,7 @@ class Component:
 
     @classmethod
     def row_shape(cls, name: str, dims: dict[str, int]) -> tuple[int, ...]:
-        """Shape of a column in one world: (capacity, ...)."""
+        """Return the shape of a column in one world: (capacity, ...)."""
         return (dims["rows"], *cls.columns[name].shape(dims))
 
 
@@ -303,7 +303,7 @@ class Singleton(Component):
 
     @classmethod
     def row_shape(cls, name: str, dims: dict[str, int]) -> tuple[int, ...]:
-        """Shape of a column in one world: its own dimensions, at least one."""
+        """Return the shape of a column in one world: its own dimensions, at least one."""
         return cls.columns[name].shape(dims) or (1,)
 
     @classmethod

@@ -1,4 +1,4 @@
-"""What a mechanic declares: entities, singletons and sizes, and which of its numbers these depend on.
+"""Declared entities, singletons and sizes, and which of its numbers these depend on.
 
 A declaration names a number by `ref`, as in Health(points=ref("points")); then the number can vary, as the engine knows
 where to write it when an episode begins. A number that a declaration reads as an attribute is fixed when worlds are

@@ -44,7 +44,7 @@ class Distribution:
         return bool(real and np.float32(self.values[0]) <= value <= np.float32(self.values[1]))
 
     def check(self, name: str, value: Any) -> None:
-        """NumberError unless the number of that name could be drawn as `value`."""
+        """Raise NumberError unless the number of that name could be drawn as `value`."""
         if value not in self:
             what = f"{len(self.values[0])} finite numbers are needed" if self.kind == FREE else "take a value of that"
             raise NumberError(f"{name} = {value!r:.60}: it varies as {self!r:.80}; {what}")

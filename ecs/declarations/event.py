@@ -92,7 +92,7 @@ class Event(Singleton, packed=False):
 
     @classmethod
     def row_shape(cls, name: str, dims: dict[str, int]) -> tuple[int, ...]:
-        """Shape of a column in one world: (capacity, ...), of the count (1,)."""
+        """Return the shape of a column in one world: (capacity, ...), of the count (1,)."""
         return (1,) if name == COUNT else (dims[cls.capacity_dim()], *cls.columns[name].shape(dims))
 
     @classmethod

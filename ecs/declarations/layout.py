@@ -1,4 +1,4 @@
-"""What mechanics can ask of a layout, which all mechanics of a scenario make up, and of worlds that have it."""
+"""Questions of mechanics to the layout of a scenario, and to worlds that have it."""
 
 from collections.abc import Mapping
 from typing import Any, Protocol
@@ -61,7 +61,7 @@ class Layout(Protocol):
         """Return prefab values of a column (one, or one per entity) by name of the archetypes with the component."""
 
     def check_count(self, component: type[Component], dim: str) -> None:
-        """DeclarationError unless the dimension `dim` is the number of entities that have the component."""
+        """Raise DeclarationError unless the dimension `dim` is the number of entities that have the component."""
 
 
 class WorldsView(Protocol):

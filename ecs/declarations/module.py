@@ -384,7 +384,7 @@ class Module:
 
 
 def check_kind(name: str, known: Iterable[str]) -> None:
-    """DeclarationError if no imported mechanic has entities of that kind. known: the kinds of a scenario."""
+    """Raise DeclarationError if no imported mechanic has entities of that kind. known: the kinds of a scenario."""
     if not Module.providing(lambda module: name in (archetype.name for archetype in module.archetypes())):
         hint = did_you_mean(name, known, after=" ")
         raise DeclarationError(f"there are no entities of the kind {name!r}; {hint}known: {', '.join(known)}")

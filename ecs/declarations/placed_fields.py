@@ -1,4 +1,4 @@
-"""Where the fields of observations lie in their rows: those that a column declares, and those that mechanics add."""
+"""Places of the fields of observations in their rows: those that a column declares, and those that mechanics add."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence

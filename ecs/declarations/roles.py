@@ -137,7 +137,7 @@ class Roles:
         return [name for name in self.numbers if all(name in dict(each.numbers) for each in self.roles)]
 
     def check_apart(self, varied: Iterable[str]) -> None:
-        """NumberError if a number that differs by role also varies from world to world."""
+        """Raise NumberError if a number that differs by role also varies from world to world."""
         if both := sorted({*self.numbers} & {*varied}):
             raise NumberError(
                 f"{both[0]} is varied from world to world and differs by role: choose one, as in "
@@ -145,7 +145,7 @@ class Roles:
             )
 
     def check_others(self, names: Iterable[str]) -> None:
-        """NumberError if one of these numbers of the scenario is set by every role, so that setting it does nothing."""
+        """Raise NumberError if every role sets one of these numbers of the scenario, which then has no effect."""
         if found := [name for name in names if name in self.in_all]:
             raise NumberError(f"{found[0]}: every role sets it here, so another value means nothing; change the roles")
 

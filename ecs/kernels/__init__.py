@@ -1,4 +1,4 @@
-"""What compiled code is made with: numba's settings, types of arrays, vectors, random numbers, files of machine code.
+"""Tools of compiled code: numba's settings, types of arrays, vectors, random numbers, files of machine code.
 
 Nothing here knows components or worlds. `jit.kernel` marks functions that systems call, `simd` computes with sixteen
 rows at once, and `random` makes numbers that are functions of seed, world, episode, tick and stream. `errors` has the

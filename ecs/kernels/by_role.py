@@ -1,4 +1,4 @@
-"""How kernels read a number that may differ by role: as one value, or from an array with an element for every row.
+"""Numbers that may differ by role, as kernels read them: as one value, or from an array with an element for every row.
 
 The systems of a mechanic get that array in place of the number if a role changes it. `of` reads either, so a kernel is
 written once, and compiles to the same code as before if no role changes the number.

@@ -1,4 +1,4 @@
-"""What code refers to and says: all that numba freezes into machine code, and that tells one game from another."""
+"""Values that code refers to: all that numba freezes into machine code, and that tells one game from another."""
 
 import dis
 import functools

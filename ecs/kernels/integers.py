@@ -1,4 +1,4 @@
-"""What counts as a whole number among values that users give."""
+"""Whole numbers among values that users give."""
 
 import math
 from numbers import Integral

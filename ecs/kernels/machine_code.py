@@ -204,7 +204,7 @@ def load_code(codes: Iterable[Code]) -> list[int]:
 
 
 def _missing(codes: Iterable[Code]) -> list[str]:
-    """C functions whose address this process does not know; calling them would call address 0."""
+    """Return the C functions whose address this process does not know; calling them would call address 0."""
     names = {name for code in codes for name in code.externals}
     return sorted(name for name in names if llvmlite.binding.address_of_symbol(name) is None)
 

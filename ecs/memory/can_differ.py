@@ -1,4 +1,4 @@
-"""Which numbers can vary, differ by role or change while worlds run, and why the others cannot.
+"""Numbers that can vary, differ by role or change while worlds run, and reasons why others cannot.
 
 A number can vary or differ by role if systems get it, and if what is declared names it by `ref`. It can change while
 worlds run if only systems get it: kernels read numbers from their argument blocks, so another value costs nothing and
@@ -25,7 +25,7 @@ Patch = tuple[int, int, int]  # a word, and the place in the state and the size 
 
 
 def check_numbers(layout: MemoryLayout) -> None:
-    """NumberError if a number cannot vary or differ by role as it should."""
+    """Raise NumberError if a number cannot vary or differ by role as it should."""
     for by_role in (False, True):
         patches(layout, by_role)
     if layout.varied or layout.per_agent:

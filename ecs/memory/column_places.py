@@ -1,4 +1,4 @@
-"""Where columns lie in the state of a world, and what they begin with."""
+"""Places of columns in the state of a world, and their first values."""
 
 import math
 from collections.abc import Iterable, Mapping
@@ -15,7 +15,7 @@ ALIGN = 64  # bytes: a cache line
 
 @dataclass(frozen=True)
 class Place:
-    """Where a column lies: its shape in one world, and its offset in the world's state (-1: a buffer of its own)."""
+    """The place of a column: its shape in one world, and its offset in the state (-1: a buffer of its own)."""
 
     component: type[Component]
     name: str

@@ -261,7 +261,7 @@ def exists(entities: Any, e: int) -> bool:
 
 @kernel
 def check_absent(entities: Any) -> None:
-    """AbsentError if an entity is alive that is not in this episode."""
+    """Raise AbsentError if an entity is alive that is not in this episode."""
     for e in range(entities.alive.size):
         if entities.alive[e] and not exists(entities, e):
             raise AbsentError(

@@ -259,7 +259,7 @@ class MemoryLayout:
         return {name: part.fills.get(column, fill) for name, part in parts if type(part) is component}
 
     def check_count(self, component: type[Component], dim: str) -> None:
-        """DeclarationError unless the dimension `dim` is the number of entities that have the component."""
+        """Raise DeclarationError unless the dimension `dim` is the number of entities that have the component."""
         self._counted.add(dim)
         count, size = len(self.rows(component)), self.dims.get(dim, 0)
         if count != size:

@@ -28,7 +28,7 @@ KEPT = 16  # the most plans that are kept: those that were used last
 
 @dataclass(frozen=True)
 class Wanted:
-    """What a plan is made for: the arguments of Worlds, except `count` and `threads`."""
+    """The key of a plan: the arguments of Worlds, except `count` and `threads`."""
 
     modules: tuple[Module, ...]
     varied: tuple[tuple[str, Distribution], ...]

@@ -39,7 +39,7 @@ CACHED = 1 << 23  # bytes of state that stay in the third-level cache from step 
 
 
 class CompiledExecution:
-    """Runs the units of a segment that are machine code, which is loaded, on the tables of worlds.
+    """Execution of the units of a segment as machine code, on the tables of worlds.
 
     team: the threads that share the worlds; None for the caller's thread alone. touched: see Schedule.touched. `step`
     does parts of a step, given the address of its block, as compilation.compiled_step.step does.
@@ -112,7 +112,7 @@ def _together_with(team: Team, step: Any, plan: Any, frame: int, count: int) -> 
 
 
 class PythonExecution:
-    """Runs units as Python, in the caller's thread. The parameters are those of CompiledExecution."""
+    """Execution of units as Python, in the caller's thread. The parameters are those of CompiledExecution."""
 
     def __init__(self, segment: Segment, worlds: Tables) -> None:
         self._memory = ServiceMemory(worlds.dims)

@@ -29,7 +29,7 @@ Array = np.ndarray[Any, Any]
 
 
 class Observer(Protocol):
-    """Somebody who looks on at each tick of a Stepper, such as a recorder. `mode` is that of each world, int8."""
+    """An observer of each tick of a Stepper, such as a recorder. `mode` is that of each world, int8."""
 
     @property
     def recording(self) -> bool:
@@ -49,7 +49,7 @@ class Observer(Protocol):
 
 
 class Stepper:
-    """Takes a batch of worlds through steps and resets.
+    """The steps and resets of a batch of worlds.
 
     A step has three parts: the first checks it, and takes the actions into the tables; the tick; and the last finds out
     which episodes are over. Where machine code does all three and nobody looks on, they are one call; otherwise
