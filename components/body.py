@@ -1,4 +1,4 @@
-"""Where entities are, what shape they have, and how they move."""
+"""Places, shapes and motion of entities."""
 
 from typing import Any
 

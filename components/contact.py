@@ -1,4 +1,4 @@
-"""What touches what, and how: components that a solid may have. A game without them pays nothing for them."""
+"""Contacts and materials: components that a solid may have. A game without them pays nothing for them."""
 
 from typing import Any
 

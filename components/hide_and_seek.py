@@ -28,7 +28,7 @@ class Ramp(Component):
 
 
 class Aloft(Component):
-    """How long an agent stays above walls and things."""
+    """Ticks for which an agent stays above walls and things."""
 
     ticks: Array = column("i4")  # 0: it is on the ground
 
@@ -71,7 +71,7 @@ class Doors(Singleton):
 
 
 class Tracked(Statistic):
-    """What the published environments record of an episode (TrackStatWrapper), and who handles what.
+    """Statistics that the published environments record (TrackStatWrapper), and who handles what.
 
     Moments: the end of the preparation, and the end of the episode.
     """

@@ -32,25 +32,25 @@ class Bag(Component):
 
 
 class Gift(Component):
-    """To whom an agent gives its item in this tick."""
+    """The agent to whom an item is given in this tick."""
 
     taker: Array = column("i4", fill=-1, unit="entity")  # row of the taker, -1: none
 
 
 class Use(Action, order=2):
-    """Use the last item of the bag."""
+    """The action of using the last item of the bag."""
 
     use: Array = column("i1", "agents", low=0, high=1)
 
 
 class Give(Action, order=3):
-    """Give the last item of the bag to an agent in reach; the number `give_last_nearest` says to which."""
+    """The action of giving the last item of the bag to an agent in reach; `give_last_nearest` chooses which."""
 
     give: Array = column("i1", "agents", low=0, high=1)
 
 
 class Drop(Action, order=4):
-    """Drop the last item of the bag on the ground."""
+    """The action of dropping the last item of the bag on the ground."""
 
     drop: Array = column("i1", "agents", low=0, high=1)
 

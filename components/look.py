@@ -1,4 +1,4 @@
-"""How entities look, as data: pictures, films and pages read it, and no layer has to be written."""
+"""Looks of entities, as data: pictures, films and pages read it, and no layer has to be written."""
 
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable

@@ -4,7 +4,7 @@ from outlast.ecs import Array, Clock, Component, Entity, Event, Statistic, World
 
 
 class Return(Component):
-    """When a dead agent comes back, and with how many hit points."""
+    """The tick in which a dead agent comes back, and its hit points then."""
 
     tick: Array = column("i8", fill=-1)  # tick of the episode in which it comes back; -1: it does not
     health: Array = column("i4")  # the hit points with which it began the episode

@@ -4,7 +4,7 @@ from outlast.ecs import Array, Signal, Singleton, Statistic, column
 
 
 class Score(Singleton):
-    """For each side: how many members are alive, and the deaths and kills of this tick."""
+    """Living members of each side, and the deaths and kills of this tick."""
 
     alive: Array = column("i4", "sides")
     deaths: Array = column("i4", "sides")

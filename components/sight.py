@@ -1,4 +1,4 @@
-"""Which rows each agent sees, and which of them its observation shows."""
+"""Rows that each agent sees, and those of them that its observation shows."""
 
 from typing import Any
 

@@ -21,7 +21,7 @@ class Wall(Component):
 
 
 class Before(Singleton):
-    """Where every body was before it moved in this tick."""
+    """Places of bodies before they moved in this tick."""
 
     x: Array = column("f4", "rows")  # metres
     y: Array = column("f4", "rows")

@@ -20,7 +20,7 @@ class Zone(Singleton):
 
 
 class ZoneView(Observation):
-    """Present centre and radius, next centre and radius; the same row for every agent."""
+    """Centre and radius now, next centre and radius; the same row for every agent."""
 
     zone: Array = column(
         "f4",
