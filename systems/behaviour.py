@@ -42,7 +42,7 @@ HALF, ONE, ZERO = np.float32(0.5), np.float32(1), np.float32(0)
 
 @dataclass(frozen=True)
 class Behaviour(Module):
-    """Adds statistics of each agent's behaviour; nothing else in the game changes.
+    """Statistics of each agent's behaviour; nothing else in the game changes.
 
     They cover the ticks at the end of which the agent is alive, and the world as it then is, as observations show it.
     Statistics of a mechanic that the scenario lacks stay 0. cells: an agent visits the cell that contains its centre.

@@ -9,7 +9,7 @@ from outlast.ecs import Module, Singleton, number
 
 @dataclass(frozen=True)
 class Contacts(Module):
-    """Lets physics tell which solids touch, where, how hard, and whether they have just begun: the event Touch."""
+    """Contacts of solids as the event Touch: which, where, how hard, and whether they have just begun."""
 
     most: int = number(
         256, low=1, high=100_000, unit="pairs", about="how many may touch in a tick of a world; more are an error"

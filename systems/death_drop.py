@@ -17,7 +17,7 @@ TURN = np.float32(2 * math.pi)
 
 @dataclass(frozen=True)
 class DeathDrop(Module):
-    """Drop everything at death (paper, section 3.1).
+    """Loss of all items at death (paper, section 3.1).
 
     scatter = "disc": anywhere in a circle of `radius`, as the paper says. "rim": exactly on it, as in the paper's runs
     (reference rules, section 6, point 5).

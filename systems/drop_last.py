@@ -13,7 +13,7 @@ from outlast.ecs import Entity, Module, Read, Rows, Singleton, WorldsView, Write
 
 @dataclass(frozen=True)
 class DropLast(Module):
-    """Adds the action `drop` (paper, section 3.1; the paper's runs do not have it).
+    """The action `drop` (paper, section 3.1; the paper's runs do not have it).
 
     The item lands ahead of the agent; if `offset` is less than the reach of pickup, it is back in the bag at once.
     """

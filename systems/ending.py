@@ -26,7 +26,7 @@ LAST_ALIVE, NEVER = 1, 2  # indices into the choices of Ending.rule
 
 @dataclass(frozen=True)
 class Ending(Module):
-    """Counts the score of sides, and ends the episode (paper, section 3.5).
+    """Scores of sides, and the end of the episode (paper, section 3.5).
 
     rule = "all dead": it ends when no side is alive. "last alive": when at most one side is. "never": only at its
     limit. limit: ticks until it is truncated if it has not ended by its rule; 0: never, as in the paper.

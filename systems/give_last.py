@@ -34,7 +34,7 @@ ANY = 1  # index into the choices of GiveLast.nearest
 
 @dataclass(frozen=True)
 class GiveLast(Module):
-    """Give to the nearest suitable agent (paper, section 3.4): alive, and of the giver's team if there are teams.
+    """Gifts to the nearest suitable agent (paper, section 3.4): alive, and of the giver's team if there are teams.
 
     nearest = "suitable": the nearest such agent. "any": the nearest body of any kind, but only if it is such an
     agent, as in the paper's runs (reference rules, section 6, point 4). If the receiver's bag is full, the giver keeps

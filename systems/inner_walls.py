@@ -1,4 +1,4 @@
-"""What all walls inside the room have in common; Walls, Maze, Rooms, Pillars and generators of yours set up the blocks.
+"""The base of walls inside the room; Walls, Maze, Rooms, Pillars and generators of yours set up the blocks.
 
 A generator extends InnerWalls: it says how many blocks there can be, and has a system `build` of phase SPAWN,
 before=(Body, Shape, Entity), which sets up some of them by `place_block` (docs/levels.md).

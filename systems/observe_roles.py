@@ -12,7 +12,7 @@ from .observation_rows import observe
 
 @dataclass(frozen=True)
 class ObserveRoles(Module):
-    """Adds the field "role" to rows of agents: a one-hot vector of `count` numbers. Added by Scenario.roles."""
+    """The field "role" in rows of agents: a one-hot vector of `count` numbers. Added by Scenario.roles."""
 
     count: int = number(2, low=1, high=MANY, about="number of roles")
 

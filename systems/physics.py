@@ -295,7 +295,7 @@ def box2d_settings(
 
 
 class Differences(NamedTuple):
-    """What tells bodies apart for Box2D; None in place of what a scenario lacks."""
+    """Properties of bodies for Box2D; None in place of what a scenario lacks."""
 
     filters: Any  # the table, and by row which ones are in it, as the next two
     filtered: Any

@@ -31,7 +31,7 @@ from .geometry.blocks import alive_bits, first_row
 
 @dataclass(frozen=True)
 class Pickup(Module):
-    """Pick up every item in reach, as long as the bag has room (paper, section 3.2).
+    """Pickup of every item in reach, as long as the bag has room (paper, section 3.2).
 
     touch: whether it is enough that the item's disc touches the circle of reach, as the paper says; otherwise its
     centre must lie inside, as in the paper's runs (reference rules, section 6, point 3).

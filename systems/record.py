@@ -9,7 +9,7 @@ from outlast.ecs import Clock, Module, Read, Rows, Singleton, Write
 
 @dataclass(frozen=True)
 class Record(Module):
-    """Records length and returns."""
+    """Statistics of length and returns."""
 
     def singletons(self) -> Iterable[Singleton]:
         return [Episode()]

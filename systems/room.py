@@ -74,7 +74,7 @@ class Room(Module):
         return {"floor sides": 1 if self.is_square() else 2}
 
     def sides(self) -> tuple[float, float]:
-        """Width and height, metres."""
+        """Return width and height, metres."""
         return self.width or self.size, self.height or self.size
 
     def is_square(self) -> bool:

@@ -1,4 +1,4 @@
-"""Whether Box2D's continuous collision (b2World::SolveTOI) can find anything to do after a substep."""
+"""Need for Box2D's continuous collision (b2World::SolveTOI) after a substep."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Where things lie inside the objects of Box2D 2.3 (LP64), and its functions by symbol.
+"""Memory layout of the objects of Box2D 2.3 (LP64), and its functions by symbol.
 
 The numbers were read out of pybox2d 2.3.10's library; `verify` checks every one before it is used.
 """

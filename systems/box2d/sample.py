@@ -1,4 +1,4 @@
-"""What `verify` and `probe` look at: a small world made by pybox2d's public interface, and how its memory is read."""
+"""The sample of `verify` and `probe`: a small world made by pybox2d's public interface, and how its memory is read."""
 
 import ctypes
 import os
@@ -81,7 +81,7 @@ class Sample:
 
 
 class _Listener(Box2D.b2ContactListener):  # type: ignore[misc]
-    """Reads the numbers of impulses that Box2D reports: what it finds, and what is right."""
+    """The numbers of impulses that Box2D reports: what it finds, and what is right."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""What touched what in a tick, for the native backend: noted after every substep, and by a callback in impacts."""
+"""Contacts of a tick, for the native backend: noted after every substep, and by a callback in impacts."""
 
 import functools
 

@@ -1,4 +1,4 @@
-"""Gather the marked bodies of a world into a contact batch, and scatter their new state back."""
+"""Transfer of the marked bodies of a world into a contact batch, and of their new state back."""
 
 from typing import Any
 

@@ -1,4 +1,4 @@
-"""Check that the installed Box2D has the memory layout that the native backend expects, before its memory is touched.
+"""A check of the installed Box2D: its memory layout must be that of the native backend.
 
 Here, objects made by pybox2d's public interface are read at the offsets of `layout`; `probe` runs a few of Box2D's
 functions on guarded memory. The error names the first offset that differs.

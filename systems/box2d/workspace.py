@@ -66,7 +66,7 @@ def make_workspace() -> NDArray[np.uint8]:
 
 
 class _Owner:
-    """What views of the memory refer to. An array would not do: in numpy 2.5, its finalizers run after it is freed."""
+    """The owner of memory that views refer to. An array will not do: numpy 2.5 frees it before its finalizers run."""
 
     def __init__(self, memory: NDArray[np.uint8]) -> None:
         self.__array_interface__ = memory.__array_interface__

@@ -1,4 +1,4 @@
-"""How far from the middle of the room a position can be, along x and along y, and what fits into the room."""
+"""Bounds of positions from the middle of the room, along x and y, and checks of what fits into it."""
 
 import math
 from typing import Any

@@ -15,14 +15,14 @@ ZERO = np.float32(0)
 
 @kernel
 def outer_radius(shape: Array, e: int) -> Real:
-    """Radius of the circle around all of body `e`, metres."""
+    """Return the radius of the circle around all of body `e`, metres."""
     x, y = shape.half_width[e], shape.half_height[e]
     return max(shape.radius[e], np.float32(np.sqrt(x * x + y * y)))
 
 
 @kernel
 def travel(body: Array, push: Array, solid: Array, e: int, time: Real) -> Real:
-    """Upper bound of the distance body `e` moves in `time` seconds if nothing touches it."""
+    """Return an upper bound of the distance body `e` moves in `time` seconds if nothing touches it."""
     inverse_mass = inverse(solid.mass[e])
     vx = abs(body.vx[e]) + inverse_mass * abs(push.x[e])
     vy = abs(body.vy[e]) + inverse_mass * abs(push.y[e])

@@ -15,7 +15,7 @@ HALF, ONE, ZERO = np.float32(0.5), np.float32(1), np.float32(0)
 
 
 def make_grid_memory() -> np.ndarray[Any, Any]:
-    """Scratch for `open_edges`: int32 (3, EDGES)."""
+    """Return the scratch of `open_edges`: int32 (3, EDGES)."""
     return np.zeros((3, EDGES), np.int32)
 
 

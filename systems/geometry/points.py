@@ -1,4 +1,4 @@
-"""Where a point is: in another body's frame, in a vision cone, how far from a rectangle.
+"""Places of points: in another body's frame, in a vision cone, distances from a rectangle.
 
 Pure float32 scalar kernels. All lengths share one unit; headings and box angles are given as cosine and sine.
 """
