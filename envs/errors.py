@@ -51,7 +51,7 @@ class FaultError(OutlastError, RuntimeError):
 
 
 class EndlessError(OutlastError, RuntimeError):
-    """Whole episodes were requested, but one does not end."""
+    """A request for whole episodes of which one does not end."""
 
 
 class ScenarioError(OutlastError, ValueError):

@@ -38,7 +38,7 @@ Count = Callable[[int], object]  # called with the number of frames so far
 
 @dataclass(frozen=True)
 class Looks:
-    """How a film looks.
+    """The look of a film.
 
     Attributes:
         size: Side of one world's picture, pixels.

@@ -34,7 +34,7 @@ MOST = 2**64  # seeds and numbers of worlds and episodes are below it
 
 @dataclass(frozen=True)
 class Level:
-    """What one episode is made from.
+    """The level of one episode.
 
     >>> level = env.levels()[0]
     >>> env.set_levels([level.mutated(scenario, rng) for _ in range(env.num_worlds)])
@@ -204,7 +204,7 @@ def _check_playable(levels: Any, scenario: Scenario) -> None:
 
 
 def check(level: Level, varied: Mapping[str, Distribution]) -> None:
-    """NumberError unless the level's numbers are some that could be drawn from these distributions."""
+    """Raise NumberError unless the level's numbers are some that could be drawn from these distributions."""
     names = ", ".join(varied) or "none"
     for name, value in level.numbers.items():
         if name not in varied:

@@ -62,7 +62,7 @@ def _innermost(stream: object) -> object:
 
 
 class Progress:
-    """How far some work is: a bar on a terminal; in a log a line at the beginning, at the end, and every EVERY seconds.
+    """Progress of work: a bar on a terminal; in a log a line at the beginning, at the end, and every EVERY seconds.
 
     >>> with Progress(len(files), "files") as progress:
     ...     for file in progress.over(files):

@@ -1,4 +1,4 @@
-"""Registers all scenarios with Gymnasium and PettingZoo. Adapters are imported when an environment is made.
+"""Registration of all scenarios with Gymnasium and PettingZoo. Adapters are imported when an environment is made.
 
 Gymnasium: ``gymnasium.make("outlast/Teams-v1")`` and ``gymnasium.make_vec("outlast/Teams-v1", 64)``. The ids
 ``outlast/FreeForAll-v1`` and ``outlast/Teams-v1`` are the variants ``ffa_3`` and ``teams_3`` unless ``scenario=`` says

@@ -83,7 +83,7 @@ class Parser(argparse.ArgumentParser):
         return f"usage: {self._usage()}\n"
 
     def format_help(self) -> str:
-        """Usage, what it is, arguments and options by group, and examples."""
+        """Write usage, description, arguments and options by group, and examples."""
         formatter = self._get_formatter()
         formatter.add_usage(self._usage().replace("%", "%%"), (), ())
         formatter.add_text(self.description)

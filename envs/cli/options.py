@@ -1,4 +1,4 @@
-"""What the options of several commands mean."""
+"""Options of several commands."""
 
 import argparse
 import contextlib
@@ -86,7 +86,7 @@ def check_files(options: argparse.Namespace) -> None:
 
 
 def add_scenario(command: Parser, several: bool = False) -> None:
-    """VARIANT, or several, and what changes it; `scenario` reads them."""
+    """Add VARIANT, or several, and what changes it; `scenario` reads them."""
     game = command.group(GAME)
     game.add_argument("variant", nargs="+" if several else None, metavar="VARIANT", help=VARIANT)
     game.add_argument("--layout", type=path, metavar="LAYOUT", help=f"add walls inside the room: {LAYOUT}")
@@ -115,7 +115,7 @@ def add_changes(command: Parser) -> None:
 
 
 def add_import(command: Any, named: str) -> None:
-    """--import, for mechanics that something names; `import_files` imports them."""
+    """Add --import, for mechanics that something names; `import_files` imports them."""
     text = f"Python file or module to import first, because {named} mechanics in it (can be repeated)"
     command.add_argument("--import", action="append", default=[], metavar="FILE.py", help=text)
 
@@ -184,14 +184,14 @@ def save_scenario(options: argparse.Namespace) -> None:
 
 
 def add_policy(command: Parser, default: str) -> None:
-    """--policy; what it names is loaded where worlds are made for it."""
+    """Add --policy; what it names is loaded where worlds are made for it."""
     text = f"who plays: {', '.join(POLICIES)}, a saved policy ({SAVED_AS}, whose newest checkpoint is "
     text += f"taken), or {OWN_AS} of your own (default: {default})"
     command.group(PLAY).add_argument("--policy", type=policy, default=default, metavar="NAME", help=text)
 
 
 def add_others(command: Parser, default: str | None, text: str) -> None:
-    """--others, weights by name or path; `load_policies` reads the names. text: what they do."""
+    """Add --others, weights by name or path; `load_policies` reads the names. text: what they do."""
     text += ". Give a policy, or several with weights, as in scripted:0.5,FILE.zip:0.5, of which one is drawn for each "
     text += f"episode of each world (default: {default or '--policy plays all sides'})"
     given = None if default is None else {default: 1.0}
@@ -199,7 +199,7 @@ def add_others(command: Parser, default: str | None, text: str) -> None:
 
 
 def add_seed(command: Parser) -> None:
-    """--seed."""
+    """Add --seed."""
     text = "seed of all random numbers: the same seed gives the same episodes (default: 0)"
     command.group(PLAY).add_argument("--seed", type=seed, default=0, metavar="N", help=text)
 
@@ -302,7 +302,7 @@ def messages_shown(name: str = "outlast", form: str = "outlast: %(message)s") ->
 
 
 class _BesideBars(logging.StreamHandler[TextIO]):
-    """Writes messages above progress bars, which would else be written over."""
+    """A handler that writes messages above progress bars."""
 
     def emit(self, record: logging.LogRecord) -> None:
         """Write a message."""

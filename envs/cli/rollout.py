@@ -166,7 +166,7 @@ def _on_ray(options: argparse.Namespace, asked: Scenario) -> Iterator[tuple[int,
 
 @dataclass(frozen=True)
 class Played:
-    """What was done, and how it ended.
+    """A rollout that was played, and how it ended.
 
     Attributes:
         agents: In a world.

@@ -20,7 +20,7 @@ DEFAULTS: dict[str, Any] = dataclasses.asdict(Looks())
 
 
 def add(command: Parser, required: bool) -> None:
-    """--out and, for it, --size, --mosaic, --views, --every and --fps; `looks` reads them."""
+    """Add --out and, for it, --size, --mosaic, --views, --every and --fps; `looks` reads them."""
     command = command.group("pictures")
     text = "what to write: a film, NAME.mp4, NAME.webm, NAME.gif or NAME.apng; or, by any name without an ending, a "
     text += "folder of numbered PNG pictures"

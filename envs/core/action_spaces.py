@@ -57,7 +57,7 @@ class ActionSpace:
     """
 
     def __init__(self, worlds: Worlds, kind: str, masked: bool = False) -> None:
-        """ValueError for another kind, more joint actions than MOST, or `masked` for a kind without masks."""
+        """Raise ValueError for another kind, more joint actions than MOST, or `masked` for a kind without masks."""
         check_choice("actions", kind, KINDS)
         columns = published(worlds, Action)
         self.kind, self.keys = kind, [key for key, *_ in columns]

@@ -68,7 +68,7 @@ class CallGuard:
         return result
 
     def check_owner(self) -> None:
-        """PendingError for a call that began before this process was forked."""
+        """Raise PendingError for a call that began before this process was forked."""
         if self.pending is not None and self._owner != os.getpid():
             raise PendingError("the step was sent by another process, of which this is a fork; make a new environment")
 

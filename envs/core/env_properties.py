@@ -1,4 +1,4 @@
-"""What a batch of worlds says about itself: its spaces, the names of its arrays' columns, its present state."""
+"""Properties of a batch of worlds: its spaces, the names of its arrays' columns, its present state."""
 
 from functools import cached_property
 from typing import Any
@@ -82,7 +82,7 @@ class EnvProperties(Pictured, VectorEnv[Arrays, Actions, np.ndarray[Any, Any]]):
 
     @property
     def action_columns(self) -> list[tuple[str, int]]:
-        """For each action, its name and the value that the integer 0 stands for."""
+        """Names of the actions, and the value that the integer 0 stands for."""
         return list(zip(self._actions.keys, (-self._actions.zeros).tolist(), strict=True))
 
     @property

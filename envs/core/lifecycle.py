@@ -16,7 +16,7 @@ Array = np.ndarray[Any, Any]
 
 
 def check_playable(worlds: Worlds, name: str) -> None:
-    """ScenarioError unless the worlds of the scenario of that name have rewards and ends."""
+    """Raise ScenarioError unless the worlds of the scenario of that name have rewards and ends."""
     if missing := [signal.__name__ for signal in (Reward, End) if signal not in worlds]:
         raise ScenarioError(
             f"{name}: no module brings {' and '.join(missing)}; an environment needs the modules rewards and ending"
@@ -24,7 +24,7 @@ def check_playable(worlds: Worlds, name: str) -> None:
 
 
 def check_faults(worlds: Worlds, first_world: int) -> None:
-    """FaultError if in the last tick a body got a number that the physics cannot handle, or found no place."""
+    """Raise FaultError if in the last tick a body got a number that the physics cannot handle, or found no place."""
     check_places(worlds, first_world)
     if Fault in worlds and (faulty := (worlds[Fault].physics[:, 0] != 0) & (worlds.mode != SKIP)).any():
         w = int(faulty.argmax())
@@ -36,7 +36,7 @@ def check_faults(worlds: Worlds, first_world: int) -> None:
 
 
 def check_places(worlds: Worlds, first_world: int) -> None:
-    """FaultError if a body of some world found no place at reset. first_world: the number of the first one."""
+    """Raise FaultError if a body of some world found no place at reset. first_world: the number of the first one."""
     if Unplaced in worlds and worlds[Unplaced].bodies.any():
         w = int(worlds[Unplaced].bodies[:, 0].argmax())
         raise FaultError(
@@ -47,7 +47,7 @@ def check_places(worlds: Worlds, first_world: int) -> None:
 
 
 class EpisodeTracker(Stepper):
-    """Tracks which worlds are in an episode and which have ended and wait for a reset, and takes steps and resets.
+    """The state of episodes, running or ended and waiting for a reset; takes steps and resets.
 
     Attributes:
         set_states: How often each world went on from a state that was set, int64 (worlds,).

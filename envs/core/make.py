@@ -1,4 +1,4 @@
-"""Make environments from a scenario or its name."""
+"""Factories of environments, from a scenario or its name."""
 
 from collections.abc import Collection
 

@@ -1,4 +1,4 @@
-"""What agents observe, in the form that a learner wants: by key, flat or as lists, in units or scaled."""
+"""Observations in the form that a learner takes: by key, flat or as lists, in units or scaled."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -21,7 +21,7 @@ Arrays = dict[str, Array]
 
 
 class Observations:
-    """Reads what agents observe.
+    """A reader of observations.
 
     "dict": float32 arrays (worlds, agents, ...) by key. "flat": one float32 array (worlds, agents, flat_size), which
     joins all keys in their order. "rows": by key, with lists of the rows that agents see, see VisibleRows.
@@ -35,7 +35,7 @@ class Observations:
     """
 
     def __init__(self, worlds: Worlds, kind: str, scaled: bool) -> None:
-        """ValueError for another kind. scaled: whether scaling.Scale is applied, so that all bounds are finite."""
+        """Raise ValueError for another kind. scaled: by scaling.Scale, so that all bounds are finite."""
         check_choice("observations", kind, KINDS)
         self.kind, self.scaled = kind, bool(scaled)
         found = published(worlds, Observation)

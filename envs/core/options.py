@@ -17,7 +17,7 @@ MILLION = 10**6
 
 @dataclass(frozen=True)
 class Option:
-    """What there is to say of an option beside its name, its type and its default.
+    """Properties of an option beside its name, its type and its default.
 
     Attributes:
         group: The title of its group in the help of commands; "" if it is for Python only, and has no flag.

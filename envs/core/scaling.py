@@ -15,7 +15,7 @@ LIMIT = 10.0  # scaled values without a known range are clipped to it, as normal
 
 @dataclass(frozen=True)
 class Scale:
-    """How the columns of a row are scaled.
+    """Scales of the columns of a row.
 
     Attributes:
         divisors: What columns are divided by, float32 (columns,).

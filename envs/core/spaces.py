@@ -39,7 +39,7 @@ BOUNDS: WeakKeyDictionary[MemoryLayout, dict[str, Ends]] = WeakKeyDictionary()  
 
 
 class StatisticPlaces(NamedTuple):
-    """Where the statistics of episodes lie in the states of worlds.
+    """Places of the statistics of episodes in the states of worlds.
 
     Attributes:
         dims: The dimensions of each behind `worlds`: () if it is one number.

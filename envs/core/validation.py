@@ -18,7 +18,7 @@ ROUNDING = 1e-6  # error allowed in continuous actions, as scaling them to their
 
 
 def check_count(name: str, value: Any, least: int, most: int | None = None) -> None:
-    """ValueError unless `value` is an integer of at least `least`, and at most `most` if that is given."""
+    """Raise ValueError unless `value` is an integer of at least `least`, and at most `most` if that is given."""
     if not is_whole(value, least):
         raise ValueError(f"{name} = {value!r}: an integer >= {least} is needed")
     if most is not None and int(value) > most:
@@ -26,13 +26,13 @@ def check_count(name: str, value: Any, least: int, most: int | None = None) -> N
 
 
 def check_choice(name: str, value: Any, allowed: tuple[Any, ...], cure: str = "") -> None:
-    """ValueError unless `value` is one of those allowed."""
+    """Raise ValueError unless `value` is one of those allowed."""
     if not isinstance(value, (str, type(None))) or value not in allowed:
         raise ValueError(f"{name} = {value!r}: allowed are {', '.join(map(repr, allowed))}{cure}")
 
 
 def check_flags(**flags: Any) -> None:
-    """ValueError unless all are True or False; a text such as "no" would count as True."""
+    """Raise ValueError unless all are True or False; a text such as "no" would count as True."""
     for name, value in flags.items():
         if not isinstance(value, (bool, np.bool_)):
             raise ValueError(f"{name} = {value!r}: allowed are True and False")

@@ -39,7 +39,7 @@ COLUMNS = {
 
 @dataclass(frozen=True)
 class Selection:
-    """Which samples to export: those of the worlds `worlds`, from the tick `first` to the tick `last`.
+    """Samples to export: those of the worlds `worlds`, from the tick `first` to the tick `last`.
 
     verify: whether to compare digests. progress: called with the number of each tick that is replayed.
     """

@@ -1,4 +1,4 @@
-"""What a policy thought: the probabilities of its actions, its estimate of the value, and what it attended to.
+"""Records of policies: the probabilities of actions, the estimate of the value, and what was attended to.
 
 There is a row, of the dtype `policy_dtype`, for each agent and tick. It is about what the agent saw before the tick:
 
@@ -24,7 +24,7 @@ MAX_ENTRIES = 2**16  # an agent has at most so many probabilities, and so many r
 
 
 class Explainer(Protocol):
-    """Explains what a policy thinks; made by the policy's method `explainer()`. With a memory it also has `reset`."""
+    """The explanation of a policy's choices, made by its method `explainer()`. With a memory it also has `reset`."""
 
     entities: list[tuple[str, int]]  # (key of the observation, number of rows) of each kind that it attends to
 
@@ -33,7 +33,7 @@ class Explainer(Protocol):
 
 
 class PolicyRecorder:
-    """Asks a policy what it thinks before each tick of an environment.
+    """A record of a policy's choices before each tick of an environment.
 
     Args:
         env: The environment.

@@ -37,7 +37,7 @@ FLAGS = os.O_WRONLY | getattr(os, "O_BINARY", 0)
 
 
 class Recorder:
-    """Records every tick of an environment in the file `path`; made by outlast.record.
+    """A recorder of every tick of an environment in the file `path`; made by outlast.record.
 
     A context manager; `close` writes the remaining ticks. It is an ecs.Observer of the environment's ticks.
     The file is there from the first tick on; without ticks there is none. Raises RecordingError if it exists or cannot
@@ -158,7 +158,7 @@ class Recorder:
 
 
 class _Appender:
-    """Appends chunks of tick records to a file. Chunks that were written are never touched again.
+    """A file to which chunks of tick records are appended. Chunks that were written are never touched again.
 
     Its state is replaced in one piece once a chunk is in the file. So Ctrl-C, at whatever moment, neither loses ticks
     nor writes them twice: a chunk that was only begun is written again from its beginning.

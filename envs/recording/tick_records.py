@@ -21,7 +21,7 @@ MAX_JOINT_ACTIONS = 2**32
 
 @dataclass(frozen=True)
 class TickFormat:
-    """What all tick records of a recording have in common."""
+    """The common part of all tick records of a recording."""
 
     worlds: int
     agents: int
@@ -50,7 +50,7 @@ class TickFormat:
 
 @dataclass(frozen=True)
 class TickRecord:
-    """What determined one tick of all worlds.
+    """Inputs of one tick of all worlds.
 
     mode: int8 (worlds,), SKIP, STEP or RESET. codes: joint actions (worlds that took a STEP, agents).
     keys: uint64 (n, 4 + given), worlds that got new keys or other numbers right before the tick, as (row, seed, world,
@@ -129,7 +129,7 @@ def _policies(behind: bytes, shape: tuple[int, ...], form: TickFormat) -> Array 
 
 
 class _ArrayReader:
-    """Takes arrays off the front of some bytes."""
+    """A reader of arrays from the front of some bytes."""
 
     def __init__(self, content: bytes) -> None:
         self.content, self.offset = content, 0

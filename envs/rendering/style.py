@@ -1,4 +1,4 @@
-"""How worlds look: the colours and sizes of pictures, films and pages. web/assets.py passes them to JavaScript.
+"""Colours and sizes of pictures, films and pages. web/assets.py passes them to JavaScript.
 
 Colours are those of Okabe and Ito, which colour-blind people can tell apart, on greys. Sides, heals and strikes never
 share a colour. Source: M. Okabe, K. Ito, "Color Universal Design" (2008).

@@ -1,4 +1,4 @@
-"""What a camera sees of the floor: its vision cone, on each ray up to the first body that blocks sight.
+"""Visible floor: a camera's vision cone, on each ray up to the first body that blocks sight.
 
 This is the reference for pictures and pages. As in the mechanic `cameras`, a ray ends where it enters a disc, a
 rectangle or a convex polygon, a shape that contains the camera hides nothing, and a kite is bounded by the chords of

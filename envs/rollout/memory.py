@@ -16,7 +16,7 @@ Array = np.ndarray[Any, Any]
 
 
 class Begins:
-    """Finds the worlds in which an episode begins, or goes on from a state that was set.
+    """The worlds in which an episode begins, or goes on from a state that was set.
 
     Args:
         env: The worlds. Call `look` once before each of their steps.
@@ -39,7 +39,7 @@ def has_memory(policy: Policy) -> bool:
 
 
 def check_memories(policies: Sequence[Any]) -> None:
-    """UsageError if a policy with a memory is listed twice, as its memory would be updated twice in each tick."""
+    """Raise UsageError if a policy with a memory is listed twice, as its memory would be updated twice in each tick."""
     for k, policy in enumerate(policies):
         if has_memory(policy) and any(policy is other for other in policies[:k]):
             raise UsageError(

@@ -1,4 +1,4 @@
-"""Who wins an episode: the side that lives longest or, where the game says how far sides have come, the farthest."""
+"""Winners of episodes: the side that lives longest or, where the game says how far sides have come, the farthest."""
 
 from typing import Any
 
@@ -13,7 +13,7 @@ Array = np.ndarray[Any, Any]
 
 
 class Standings:
-    """How far each side of each world has come in its episode.
+    """Progress of each side of each world in its episode.
 
     Attributes:
         life: int (worlds, sides), the ticks that each side has lived: those at whose end it had a living member.

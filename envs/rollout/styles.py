@@ -60,7 +60,7 @@ class Target(NamedTuple):
 
 
 class Intent(NamedTuple):
-    """What agents are about to do.
+    """Intentions of agents.
 
     Attributes:
         goal: Where to be, float32 (..., 2), metres.
@@ -76,7 +76,7 @@ class Intent(NamedTuple):
 
 
 class Seen:
-    """What agents observe.
+    """Observations of agents.
 
     Attributes:
         health: Hit points, float32 (...); infinite in games without.

@@ -24,7 +24,7 @@ ROWS = 100_000  # so many rows are kept in memory, and written together
 
 
 class TableWriter(Protocol):
-    """Writes tables to a file."""
+    """A writer of tables to a file."""
 
     def write(self, table: Table) -> None:
         """Write more rows."""
@@ -100,7 +100,7 @@ def check_table(path: str | os.PathLike[str], what: str, typed: bool) -> Path:
 
 
 class _Csv:
-    """Writes UTF-8 with a row of headings; lines end as RFC 4180 says."""
+    """A writer of UTF-8 with a row of headings; lines end as RFC 4180 says."""
 
     def __init__(self, file: BinaryIO, columns: Sequence[str]) -> None:
         self._file, self._columns = file, columns
@@ -119,7 +119,7 @@ class _Csv:
 
 
 class _Parquet:
-    """Writes columns of the given types, others as text; null where a CSV file is empty."""
+    """A writer of columns of the given types, others as text; null where a CSV file is empty."""
 
     def __init__(self, file: BinaryIO, columns: Sequence[str], types: Mapping[str, str]) -> None:
         import pyarrow as pa  # here, as it is optional

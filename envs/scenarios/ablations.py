@@ -13,7 +13,7 @@ from .scenario import Scenario
 
 @dataclass(frozen=True)
 class Ablation:
-    """What to change in a scenario.
+    """Changes of a scenario.
 
     Attributes:
         flaw: Number of the flaw in the paper.

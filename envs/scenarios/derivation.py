@@ -1,4 +1,4 @@
-"""What was changed to derive a scenario: names and sentences that say so, and numbers that follow other numbers."""
+"""Changes that derive a scenario: names and sentences for them, and numbers that follow other numbers."""
 
 import dataclasses
 import hashlib

@@ -1,4 +1,4 @@
-"""What identifies a game in files: the scenario's name, numbers and order, and the code of users' mechanics."""
+"""Identity of a game in files: the scenario's name, numbers and order, and the code of users' mechanics."""
 
 import json
 from collections.abc import Iterator

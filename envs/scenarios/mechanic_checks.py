@@ -1,4 +1,4 @@
-"""Checks whether mechanics can be in one scenario together."""
+"""Checks of the mechanics of a scenario against each other."""
 
 import dataclasses
 from collections.abc import Iterable, Sequence
@@ -12,7 +12,7 @@ from .derivation import leaders
 
 
 def check_mechanics(scenario: str, modules: Iterable[Any]) -> None:
-    """ScenarioError if one of them is not an instance of a mechanic. scenario: the name that errors begin with."""
+    """Raise ScenarioError if one is not an instance of a mechanic. scenario: the name that errors begin with."""
     for module in modules:
         if not isinstance(module, Module):
             raise ScenarioError(f"{scenario}: {module!r} is not a mechanic: pass an instance, as in Melee(damage=20)")

@@ -1,4 +1,4 @@
-"""What differs between the worlds, and between the agents, of a scenario, as JSON for files and fingerprints."""
+"""Differences between worlds and between agents of a scenario, as JSON for files and fingerprints."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace

@@ -17,7 +17,7 @@ OLD = 86_400.0  # seconds after which no process is still writing a temporary fi
 
 
 class FolderLock:
-    """Keeps other processes out of a folder until `release`, or until this process ends, however it does.
+    """A lock that keeps other processes out of a folder until `release`, or until this process ends, however it does.
 
     It locks a file in the folder, which it opens for writing, as NFS demands. On file systems that have no locks, a
     file that names the process keeps others out; if the process is killed, the file stays, which counts no more on the

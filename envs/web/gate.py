@@ -46,7 +46,7 @@ HEADERS = {
 
 @dataclass(frozen=True)
 class Site:
-    """Where a page is served.
+    """The address of a page.
 
     Attributes:
         port: The port to listen at; 0: any free one.

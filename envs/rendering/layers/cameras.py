@@ -27,7 +27,7 @@ ARC = math.radians(5)  # so much of a sector's rim is drawn as a straight line
 
 @dataclass(frozen=True)
 class CamerasLayer(Layer):
-    """What living agents see: all of them, or those with the numbers `agents`.
+    """Vision cones of living agents: of all, or of those with the numbers `agents`.
 
     Raises:
         FilmError: `agents` are not numbers of agents; for agents that a game does not have, when it is drawn.

@@ -1,4 +1,4 @@
-"""What a layer is: the picture of one mechanic."""
+"""The base of layers: a layer is the picture of one mechanic."""
 
 from collections.abc import Iterable
 from enum import IntEnum

@@ -1,4 +1,4 @@
-"""How frames become files: a writer and a reader for each format. Everything is streamed, not held in memory."""
+"""Writers and readers of films, for each format. Everything is streamed, not held in memory."""
 
 import contextlib
 import errno

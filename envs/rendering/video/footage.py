@@ -79,7 +79,7 @@ def _gutter(size: int) -> int:
 
 
 class _Reel:
-    """Draws the chosen worlds, and holds pictures that show the end of an episode."""
+    """Frames of the chosen worlds; pictures that show the end of an episode are held."""
 
     def __init__(self, worlds: Worlds, chosen: list[int], size: int, layers: list[Layer], hold: int) -> None:
         self.worlds, self.chosen, self.size, self.layers, self.hold = worlds, chosen, size, layers, hold
@@ -160,7 +160,7 @@ def _header(width: int, title: str, seeds: Image) -> Image:
 
 
 def check_pictures(size: int, grid: Grid, every: int) -> None:
-    """FilmError unless such pictures are possible, whatever the worlds. For the arguments see `footage`."""
+    """Raise FilmError unless such pictures are possible, whatever the worlds. For the arguments see `footage`."""
     given: list[tuple[str, Any]] = [("size", size), ("every", every), *(("mosaic", side) for side in grid)]
     for name, value in given:
         if not is_whole(value):

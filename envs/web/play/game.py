@@ -32,7 +32,7 @@ SLOW, SLOWLY = 1.5, 0.5  # an episode begins slowly: for so many seconds, at thi
 
 
 class GamePhase(StrEnum):
-    """Whether the world runs, and if not, why."""
+    """States of play: running, or why not."""
 
     READY = "ready"  # a new episode, which waits for a key
     RUNNING = "running"

@@ -16,7 +16,7 @@ POLICY_VIOLATION, TRY_AGAIN_LATER = 1008, 1013  # RFC 6455, section 7.4.1, and t
 
 
 class Session:
-    """Runs `game` at `fps` ticks per second, times the speed that the person chose, times Game.pace.
+    """The loop of `game` at `fps` ticks per second, times the speed that the person chose, times Game.pace.
 
     The first of `pages` steers, and the others watch: the one that was opened first, or that took over last. When it
     leaves, the next one steers. Without pages the world stands still.
