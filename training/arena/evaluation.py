@@ -134,7 +134,7 @@ class Evaluation:
         return rate_groups(grouped, *self._games(), self.seed) if several else None
 
     def estimates(self, policy: str, against: str) -> Estimates:
-        """Mean and standard error of each column, for a policy against another one or itself, by their labels.
+        """Return mean and standard error of each column, for a policy against another one or itself, by their labels.
 
         Raises TrainingError if there is no such pairing, or it is not complete.
         """
@@ -413,7 +413,7 @@ def _figures(evaluation: Evaluation, names: Sequence[str], width: int | None) ->
 
 
 def _cell(mean: float, error: float) -> str:
-    """Mean and error, to the error's second digit."""
+    """Format a mean and its error, to the error's second digit."""
     if np.isnan(mean):
         return "-"
     if np.isnan(error):  # it was measured in one episode only

@@ -35,7 +35,7 @@ class PolicyGroup:
 
 @dataclass(frozen=True)
 class Groups:
-    """What groups achieve, each as one player that draws one of its runs for every game.
+    """Results of groups, each as one player that draws one of its runs for every game.
 
     Attributes:
         groups: In order of their first policies.

@@ -50,7 +50,7 @@ class MatchResults:
 
 
 class Match:
-    """Plays `each` episodes in every world, however long they take, so that short ones are not favoured.
+    """A player of `each` episodes in every world, however long they take, so that short ones are not favoured.
 
     base_env: worlds with autoreset DISABLED. acts: the policy of each role, see lineup.role_of, or one for both.
     outcome.wins says who wins; a draw counts half.

@@ -1,1 +1,1 @@
-"""What all of training shares without PyTorch: files, tables, statistics, curves, and what a run is asked for."""
+"""Parts of training that need no PyTorch: files, tables, statistics, curves, and what a run is asked for."""

@@ -1,4 +1,4 @@
-"""What to train, and how: everything that determines the numbers that come out of a run."""
+"""Settings of a training: everything that determines the numbers that come out of a run."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -81,7 +81,7 @@ def check_importable(name: str, code: Any) -> None:
 
 @dataclass(frozen=True)
 class TrainingConfig:
-    """What to train, and how: arguments of `outlast.train` by their names, checked, and parsed if they are texts there.
+    """Settings of a training: arguments of `outlast.train` by name, checked, and parsed if they are texts.
 
     Equal configs give equal numbers, whatever `processes` and `every` are. What is declared here is all that
     is said of an option anywhere; `python -m tests.options --write` brings it into the signature of `outlast.train`.
@@ -335,7 +335,7 @@ class TrainingConfig:
 
 @dataclass(frozen=True)
 class RunOptions:
-    """What a run is besides what it trains: further arguments of `outlast.train`."""
+    """Options of a run that do not change what it trains: further arguments of `outlast.train`."""
 
     folder: str | Path | None = option(
         None,

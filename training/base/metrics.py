@@ -1,4 +1,4 @@
-"""What is measured of episodes and of the agents in them."""
+"""Measurements of episodes and of the agents in them."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -96,7 +96,7 @@ class EpisodeMetrics:
 
 
 class BehaviourMetrics:
-    """What agents do: means over the living agents of a rollout. Gifts are counted tick by tick."""
+    """Behaviour of agents: means over the living agents of a rollout. Gifts are counted tick by tick."""
 
     def __init__(self, base_env: SurvivalVectorEnv) -> None:
         self.base_env, self._reach = base_env, _reach(base_env.scenario)

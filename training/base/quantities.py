@@ -1,4 +1,4 @@
-"""What evaluations report, and training logs, about what agents do: the unit and meaning of each column."""
+"""Columns of evaluations and training logs: the unit and meaning of each."""
 
 import textwrap
 from collections.abc import Iterator, Sequence
@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 
 class Meaning(NamedTuple):
-    """What a column means: its unit ("" for what is counted) and its meaning."""
+    """The unit ("" for counts) and meaning of a column."""
 
     unit: str
     meaning: str

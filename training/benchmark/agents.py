@@ -1,4 +1,4 @@
-"""Who takes part in the benchmark: presets that it trains, existing runs and policies, functions in files."""
+"""Agents of the benchmark: presets that it trains, existing runs and policies, functions in files."""
 
 import re
 from collections.abc import Collection

@@ -39,7 +39,7 @@ Progress = Callable[[int, str], None]  # work that is done, in agent-steps of tr
 
 @dataclass(frozen=True)
 class Entry:
-    """What is to be done for an agent with a seed in a task.
+    """The work for an agent with a seed in a task.
 
     threads: Threads of training; 0: as `outlast.train` has it.
     """
@@ -114,7 +114,7 @@ def estimate(entries: Iterable[Entry]) -> float:
 
 
 class EntryRun:
-    """Trains the agent of an entry, and plays its matches."""
+    """Training of an entry's agent, and its matches."""
 
     def __init__(self, entry: Entry, progress: Progress = lambda done, text: None) -> None:
         """Begin, or go on with what is in the folder. Raises TrainingError if that is another entry's."""

@@ -199,7 +199,7 @@ def _recorded(path: Path, ticks: Iterator[TickRecord], env: SurvivalVectorEnv) -
 
 
 class _Doubtful:
-    """What policies choose by themselves, but for the doubtful actions that are kept."""
+    """Choices of policies, except for the doubtful actions that are kept."""
 
     def __init__(self, path: Path, doubtful: Array, env: SurvivalVectorEnv) -> None:
         self.path, self.left, self._ticks = path, len(doubtful), dict[int, list[Array]]()

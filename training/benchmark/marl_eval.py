@@ -18,7 +18,7 @@ Metrics = Mapping[str, float | Sequence[float]]  # by name: a value, or those of
 
 @dataclass(frozen=True)
 class RunMetrics:
-    """What a run achieved.
+    """Results of a run.
 
     Attributes:
         task: The name of what was played.

@@ -1,4 +1,4 @@
-"""What a result says about a policy, read from the policy's own file."""
+"""Facts about a policy in a result, read from the policy's own file."""
 
 from pathlib import Path
 from typing import Any

@@ -31,7 +31,7 @@ SHARE, FEW = 5e-6, 3
 
 @dataclass(frozen=True)
 class Verification:
-    """What was found out about a match, or about an entry or a cross-play as a whole.
+    """A finding about a match, an entry or a cross-play.
 
     Attributes:
         what: "ffa_2-v1 fast/0, trained against scripted".

@@ -60,7 +60,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _check(folder: Path) -> None:
-    """TrainingError if that is no folder, or one around several runs. A run without a checkpoint yet is one."""
+    """Raise TrainingError if that is no folder, or one around several runs. A run without a checkpoint yet is one."""
     if not folder.is_dir():
         raise TrainingError(f"there is no folder {folder}: give that of a run, as `outlast train` printed it")
     if not (folder / run_header.NAME).exists() and not any(folder.glob("*.zip")):

@@ -1,4 +1,4 @@
-"""What `outlast plot` compares: groups of runs, their curves, and the table of their end values."""
+"""Comparisons of `outlast plot`: groups of runs, their curves, and the table of their end values."""
 
 import hashlib
 import json

@@ -124,7 +124,7 @@ def possible(rows: Tensor, heads: int) -> bool:
 
 
 class Means(torch.autograd.Function):
-    """See `attend`: of rows (rows, 3 * width) and known int64 (agents,), the means (agents, width)."""
+    """Arguments as in `attend`: of rows (rows, 3 * width) and known int64 (agents,), the means (agents, width)."""
 
     @staticmethod
     def forward(context: Any, rows: Tensor, known: Array) -> Tensor:

@@ -265,7 +265,7 @@ def functions() -> tuple[Any, ...]:
 
 
 class Plan:
-    """How the layers of networks lie in memory.
+    """Layout of the layers of networks in memory.
 
     Attributes:
         fields: int64 (LAYERS, FIELDS).
@@ -323,14 +323,14 @@ class Plan:
 
 
 class Call(NamedTuple):
-    """What the kernels are given, and what lies at the addresses in it."""
+    """Arguments of the kernels, and what lies at the addresses in them."""
 
     given: Array
     kept: list[Any]
 
 
 class Evaluation(torch.autograd.Function):
-    """See `evaluated`: logits (agents, outputs) and values (agents,), given the layers' weights and biases."""
+    """Arguments as in `evaluated`: logits (agents, outputs) and values (agents,), from weights and biases."""
 
     @staticmethod
     def forward(context: Any, plan: Plan, seen: Rows, *parameters: Tensor | None) -> tuple[Tensor, Tensor]:
@@ -365,7 +365,7 @@ class Evaluation(torch.autograd.Function):
 
 
 class Acting:
-    """Chooses the actions of agents, as long as the weights stay as they are."""
+    """A chooser of agents' actions, as long as the weights stay as they are."""
 
     def __init__(self, networks: Any) -> None:
         """Compile `networks`, an ActorCritic for which this is `possible`."""

@@ -1,4 +1,4 @@
-"""What a policy thinks of what it observes: probabilities, values, attention.
+"""Explanations of a policy's choices: probabilities, values, attention.
 
 This is slower than acting, and separate from it.
 """
@@ -24,7 +24,7 @@ Question = Callable[[Networks, Observed, Tensor | None, Tensor | None], Answer] 
 
 
 class PolicyExplainer:
-    """Explains the policy of a player; made by `Player.explainer`.
+    """An explainer of a player's policy; made by `Player.explainer`.
 
     entities: (key of the observation, rows) of each kind of entities that agents attend to.
     """
@@ -64,7 +64,7 @@ class PolicyExplainer:
         return [values.numpy(), likely.numpy(), attention.numpy()], after
 
     def _spread(self, packed: Array, observations: dict[str, Array]) -> Array:
-        """Attention of all rows, (batch, rows), from that of the visible ones, which come first in `packed`."""
+        """Return the attention of all rows, (batch, rows), from that of visible ones, which `packed` has first."""
         kinds = self._layout.kinds
         masks = [observations[kind.key + MASK].reshape(-1, kind.rows) != 0 for kind in kinds]
         visible = np.concatenate([*masks, np.zeros((len(packed), 0), bool)], 1)

@@ -23,7 +23,7 @@ GAIN = math.sqrt(2)  # of orthogonal initial weights, as in Stable-Baselines3
 
 
 class Extractor(nn.Module):
-    """Turns what agents observe into features (batch, 2 * width): half from their own numbers, half from entities."""
+    """A network from observations to features (batch, 2 * width): half from their own numbers, half from entities."""
 
     own_scale: Tensor
     scale: Tensor
@@ -98,7 +98,7 @@ class Extractor(nn.Module):
 
 
 class Memory(nn.GRUCell):
-    """What agents remember about the features of earlier steps (Cho et al., arXiv:1406.1078)."""
+    """Memory of the features of earlier steps (Cho et al., arXiv:1406.1078)."""
 
     def __init__(self, features: int, width: int) -> None:
         """Make a memory of `width` numbers for `features` in a step."""

@@ -1,4 +1,4 @@
-"""Turns the observations of worlds into the rows that networks take, perhaps as seen from where agents stand and look.
+"""Conversion of observations of worlds into the rows that networks take, perhaps in the agents' own frames.
 
 An agent's actions are in its own frame (ahead, to the left, turn), but observations are in the room's, with angles that
 grow with every turn. So a network would have to learn to subtract and to rotate before it could walk up to anything.
@@ -124,7 +124,7 @@ def pack(
 
 
 class Packer:
-    """Packs observations, by key and kind, in the form that the networks of a preset take."""
+    """A packer of observations, by key and kind, in the form that the networks of a preset take."""
 
     def __init__(self, layout: ObservationLayout, *, leaky: bool, egocentric: bool) -> None:
         """Make a packer for the networks of a preset.

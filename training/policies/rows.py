@@ -28,7 +28,7 @@ def moved(tensor: Tensor, device: torch.device) -> Tensor:
 
 
 class Rows:
-    """What a batch of agents observes.
+    """Observations of a batch of agents.
 
     Attributes:
         own: float32 (batch, layout.own), each agent's own numbers.
@@ -130,7 +130,7 @@ class Rows:
 
 
 class PaddedRows:
-    """What a batch of agents observes, with a row for each entity that there may be, seen or not.
+    """Observations of a batch of agents, with a row for each entity that there may be, seen or not.
 
     packed: float32 (batch, layout.size). layout: Where everything is in `packed`.
     """

@@ -20,7 +20,7 @@ BATCH = 4096  # samples of a rollout that are valued at once
 
 
 class Collector:
-    """Plays in the lane of this process, and completes its samples by what other processes have.
+    """A collector that plays in the lane of this process and adds what other processes have.
 
     Networks and worlds take turns. Halves of the worlds on two threads, and worlds that are stepped while networks are
     busy with others, were tried, and are slower: half of a step's time is Python's, which two threads cannot share.

@@ -27,7 +27,7 @@ STREAM = np.uint64(0x6C6576656C)  # "level": keeps these draws apart from others
 
 @dataclass(frozen=True)
 class TrainingProgress:
-    """How far a run is, for the function that chooses its levels.
+    """Progress of a run, for the function that chooses its levels.
 
     Attributes:
         scenario: What is trained, with the observations that the policy needs.

@@ -1,4 +1,4 @@
-"""Finds out that learning has broken down: numbers that are NaN or infinite, and where they come from."""
+"""Detection of learning that has broken down: numbers that are NaN or infinite, and where they come from."""
 
 import math
 from collections.abc import Iterator, Mapping

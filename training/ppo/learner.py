@@ -32,7 +32,7 @@ SUMS = 1e-3  # how far the loss of a minibatch may be from the sum of those of i
 
 
 class Learner:
-    """Trains a policy.
+    """A learner: trains a policy.
 
     Attributes:
         policy: The policy that plays and is saved, on the CPU.

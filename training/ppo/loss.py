@@ -39,7 +39,7 @@ def advantages(rewards: Array, values: Array, ends: Array, last: Array, gamma: f
 
 
 def ppo_loss(batch: Batch) -> tuple[Tensor, Figures]:
-    """PPO's clipped loss of the policy, with the squared error of the values and the entropy."""
+    """Return PPO's clipped loss of the policy, with the squared error of the values and the entropy."""
     numbers = batch.numbers
     with torch.set_grad_enabled(numbers.ent_coef != 0):  # gradients that nothing needs cost time
         entropy = batch.mean(batch.network.choices.entropy(batch.logs, batch.free))

@@ -49,7 +49,7 @@ class Minibatch:
 
 @dataclass(frozen=True, kw_only=True)
 class Batch(Minibatch):
-    """What a loss is computed from: samples of a minibatch, and what the networks make of them now.
+    """Inputs of a loss: samples of a minibatch, and what the networks make of them now.
 
     A minibatch is computed in shares, on several threads or processes. The loss of a minibatch is the sum of those of
     its shares, so it must be a sum over samples with `weights`: `batch.mean(x)`, and never `x.mean()`.

@@ -124,7 +124,7 @@ class Trainer:
 
     @property
     def network_names(self) -> list[str]:
-        """Of each policy, the full name of its networks, if they are a user's own; else ""."""
+        """Return the full name of each policy's networks, if they are a user's own; else ""."""
         return [name_of(kind) if kind else "" for kind in self.networks]
 
     def collect(self) -> Rollout:

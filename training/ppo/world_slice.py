@@ -35,7 +35,7 @@ NOBODY = -1  # the learner of a sample on which nobody is trained
 
 @dataclass
 class CollectedSamples:
-    """What a lane collects: arrays (steps, agents, ...), those of a Rollout and more.
+    """Samples that a lane collects: arrays (steps, agents, ...), those of a Rollout and more.
 
     Attributes:
         seen: What was observed, step after step.

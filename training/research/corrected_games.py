@@ -1,4 +1,4 @@
-"""What emerges in mended games: each run's policy plays itself, its own past and the scripted one, and is measured."""
+"""Behaviour in corrected games: each run's policy plays itself, its past and the scripted one."""
 
 import contextlib
 import csv

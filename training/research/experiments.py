@@ -1,4 +1,4 @@
-"""What `reproduce` trains: the paper's eight experiments, its method as the text has it, and its games mended."""
+"""Runs of `reproduce`: the paper's eight experiments, its method as the text has it, and its corrected games."""
 
 import ast
 import csv

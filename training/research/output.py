@@ -1,4 +1,4 @@
-"""What `reproduce` writes about a part once its runs are there: kept results, figures, tables, claims, films."""
+"""Output of `reproduce` about a part whose runs are there: kept results, figures, tables, claims, films."""
 
 import tempfile
 from collections.abc import Callable, Iterator, Sequence

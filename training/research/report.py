@@ -97,7 +97,7 @@ def _cells(group: PaperGroup) -> Iterator[list[str]]:
 
 
 def _with_deviation(mean: float, deviation: float) -> str:
-    """Mean ± deviation, with the same digits; the mean alone if it is not known how far points scatter."""
+    """Format mean ± deviation, with the same digits; the mean alone if it is not known how far points scatter."""
     return number(mean) + ("" if np.isnan(deviation) else f" ± {deviation:,.{decimals(mean)}f}")
 
 

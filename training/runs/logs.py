@@ -21,7 +21,7 @@ _numbers = itertools.count()  # one for each event file of this process, which m
 
 
 class CsvLog:
-    """Appends rows tag,step,value to a file; step counts agent-steps."""
+    """A log of rows tag,step,value in a file; step counts agent-steps."""
 
     def __init__(self, path: Path) -> None:
         self.file = path.open("a", newline="", encoding="utf-8")
@@ -43,7 +43,7 @@ class CsvLog:
 
 
 class TensorBoardLog:
-    """Writes scalars for TensorBoard, and hides those that an earlier part of the run wrote for steps after `step`.
+    """A writer of scalars for TensorBoard, which hides those of an earlier part of the run after `step`.
 
     When `write` returns, the events are in the file; if they cannot be written, it raises OSError. TensorBoard's own
     writer leaves that to a thread.

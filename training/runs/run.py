@@ -42,7 +42,7 @@ Progress = Callable[["TrainingRun"], None]
 
 
 class Callbacks:
-    """What is called as a run goes on, in its first process. An object with some of these methods is enough.
+    """Functions that are called as a run goes on, in its first process. An object with some of these methods is enough.
 
     They may read everything and call `run.log.write(values, run.done)`. An exception ends the run, which is saved where
     its last update ended.
