@@ -6,7 +6,6 @@ from button import BUTTON
 from conveyor import CONVEYOR
 from ferry import FERRY
 from football import FOOTBALL
-from hide_quadrant import HIDE_QUADRANT
 from ice import ICE
 from key import KEY_AND_DOOR
 from mine import MINES
@@ -23,7 +22,6 @@ from outlast.ecs import Entity
 
 STAY, AHEAD, BACK, LEFT = (1, 1, 1), (2, 1, 1), (0, 1, 1), (1, 2, 1)
 GAMES = [BUTTON, CONVEYOR, FERRY, FOOTBALL, ICE, KEY_AND_DOOR, MINES, QUADRANT, SPRING, TEAM_WALL, TELEPORTER, TURRET]
-GAMES += [HIDE_QUADRANT]
 
 
 def made(scenario, worlds=1):
