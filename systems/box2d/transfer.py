@@ -93,6 +93,8 @@ def gather(
             if solid.dynamic[e]:
                 batch[count, MASS], batch[count, INERTIA] = solid.mass[e], solid.inertia[e]
                 batch[count, MAX_TRAVEL] = clearance(aabbs, body, shape, solid, entities, solids, LONGEST * substeps, e)
+            elif batch[count, DYNAMIC] != DRIVEN:  # Box2D would move even a static body that touches something
+                batch[count, VX], batch[count, VY], batch[count, OMEGA] = ZERO, ZERO, ZERO
             count += 1
     return count
 
