@@ -54,7 +54,11 @@ def _segment_distance(p: Point, a: Point, b: Point) -> float:
 
 def ray_box(o: Point, d: Point, centre: Point, angle: float, half_width: float, half_height: float) -> float:
     """Fraction of the first crossing of o + f * d with a side of the box; NO_HIT if none or from inside."""
-    corners = box_corners(centre, angle, half_width, half_height)
+    return ray_polygon(o, d, box_corners(centre, angle, half_width, half_height))
+
+
+def ray_polygon(o: Point, d: Point, corners: Sequence[Point]) -> float:
+    """The same with a side of the polygon."""
     if in_polygon(o, corners):
         return NO_HIT
     sides = zip(corners, [*corners[1:], corners[0]], strict=True)

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast.components import Phase, Shape, Side
-from outlast.ecs import Array, Bitset, Module, Rows, Singleton, Write, column
+from outlast.components import Body, Phase, Polygon, Shape, Side, Solid
+from outlast.ecs import Archetype, Array, Bitset, Module, Rows, Singleton, Write, column
 from outlast.queries import Bodies, around, distance, first_on_ray, line_of_sight, nearest, within
 from tests.conftest import scaled
 from tests.helpers import naive_geometry as naive
+from tests.physics.test_polygons import corners_of, random_polygon
 
 FAR = np.float32(2)
 ENOUGH = 1e-4  # metres: where an answer turns, rounding decides
@@ -26,6 +27,14 @@ class Answers(Singleton):
     best: Array = column("i4", "rows")
     first: Array = column("i4", "rows")
     seen: Array = column("u1", "rows", "rows")
+
+
+class Rubble(Module):
+    """Polygons of all sizes, some of which move."""
+
+    def archetypes(self) -> list[Archetype]:
+        polygons = Polygon([corners_of(random_polygon(np.random.default_rng(k))) for k in range(8)])
+        return [Archetype("rubble", (Body(), polygons, Solid()), 8)]
 
 
 class Asks(Module):
@@ -52,19 +61,24 @@ def ask(answers: Write[Answers], bodies: Bodies, everything: Rows[Shape], agents
 
 @pytest.fixture(scope="module")
 def env() -> Any:
-    """Worlds with discs and rectangles, some of them dead, close together."""
-    scenario = outlast.variant("ffa_4").with_(Asks()).replace(room_size=9.0, safe_zone_radii=(4.0, 2.0), n_heals=4)
+    """Worlds with discs, rectangles and polygons, some of them dead, close together."""
+    scenario = (
+        outlast.variant("ffa_4").with_(Asks(), Rubble()).replace(room_size=9.0, safe_zone_radii=(4.0, 2.0), n_heals=4)
+    )
     env, rng = outlast.make_vec(scenario, WORLDS, seed=0), np.random.default_rng(0)
     env.reset()
     for k in range(env.worlds.span("box").stop - env.worlds.span("box").start):
         env.place("box", k, angle=rng.uniform(-3, 3, WORLDS), half_width=rng.uniform(0.1, 1.5, WORLDS))
+    for k in range(8):
+        x, y = rng.uniform(-4, 4, (2, WORLDS))
+        env.place("rubble", k, x=x, y=y, angle=rng.uniform(-3, 3, WORLDS))
     env.place("agent", 0, angle=rng.uniform(-3, 3, WORLDS))
     env.step(np.tile(env.noop, (WORLDS, env.num_agents, 1)))
     return env
 
 
 def outlines(env: Any, w: int) -> dict[int, Any]:
-    """The corners of living rectangles, and centre and radius of living discs, by row."""
+    """The corners of living rectangles and polygons, and centre and radius of living discs, by row."""
     found = dict[int, Any]()
     for e in env.worlds.layout.rows(Shape):
         view = env.worlds.entity(int(e), w)
@@ -72,6 +86,12 @@ def outlines(env: Any, w: int) -> dict[int, Any]:
         if view.Entity.alive:
             size = float(shape.half_width), float(shape.half_height)
             corners = None if shape.radius else naive.box_corners(centre, float(body.angle), *size)
+            if e in env.worlds.layout.rows(Polygon):
+                count = int(view.Polygon.corners)
+                turn = complex(math.cos(float(body.angle)), math.sin(float(body.angle)))
+                pairs = zip(view.Polygon.x.tolist(), view.Polygon.y.tolist(), strict=True)
+                points = [complex(*centre) + turn * complex(*pair) for pair in pairs][:count]
+                corners = [(point.real, point.imag) for point in points]
             found[int(e)] = (centre, float(shape.radius), float(body.angle), size, corners)
     return found
 
@@ -86,15 +106,15 @@ def apart(one: Any, other: Any) -> float:
         return 0.0 if naive.in_polygon(centre, corners) else max(naive.edge_distance(centre, corners) - radius, 0.0)
     inside = any(naive.in_polygon(p, second) for p in first) or any(naive.in_polygon(p, first) for p in second)
     edges = [(p, q) for p, q in pairwise([*first, first[0]])]
-    crossed = any(naive.ray_box(p, (q[0] - p[0], q[1] - p[1]), b, other[2], *other[3]) <= 1 for p, q in edges)
+    crossed = any(naive.ray_polygon(p, (q[0] - p[0], q[1] - p[1]), second) <= 1 for p, q in edges)
     gaps = [naive.edge_distance(p, second) for p in first] + [naive.edge_distance(p, first) for p in second]
     return 0.0 if inside or crossed else min(gaps)
 
 
 def entered(outline: Any, o: Any, d: Any) -> float:
     """The fraction at which a ray enters an outline; above 1 if it does not."""
-    centre, radius, angle, size, corners = outline
-    return naive.ray_circle(o, d, centre, radius) if corners is None else naive.ray_box(o, d, centre, angle, *size)
+    centre, radius, _, _, corners = outline
+    return naive.ray_circle(o, d, centre, radius) if corners is None else naive.ray_polygon(o, d, corners)
 
 
 def test_distances_lists_and_rays_are_those_of_plain_geometry(env: Any) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast.components import Body, Shape, Solid
+from outlast.components import Body, Polygon, Shape, Solid
 from outlast.ecs import Archetype, Module
 from outlast.envs.inspect.world_json import describe, snapshot
 from outlast.envs.web.replay import write_page
@@ -36,7 +36,20 @@ class Partitions(Module):
         return [Archetype("partition", (body, Shape(half_width=[3, 2, 4], half_height=[0.2, 0.3, 0.1]), Solid()), 3)]
 
 
+@dataclass(frozen=True)
+class Splinters(Module):
+    """Triangles and pentagons."""
+
+    def archetypes(self) -> Iterable[Archetype]:
+        turn = np.array([0.6, 2.0, 4.0, 5.0])
+        body = Body(x=[-4, 4, 0, 2], y=[3, -3, 7, 2], angle=turn)
+        pentagon = [(1.5 * math.cos(k * math.tau / 5), math.sin(k * math.tau / 5)) for k in range(5)]
+        corners = [[(-1, -1), (2, -1), (0, 3)], [(-3, 0), (3, 0), (0, 0.5)], pentagon, [(0, 0), (1, 0), (1, 2), (0, 1)]]
+        return [Archetype("splinter", (body, Polygon(corners), Solid()), 4)]
+
+
 SCENARIOS = {
+    "polygons": outlast.variant("ffa_1").with_(Splinters()),
     "boxes and items": outlast.variant("teams_4"),
     "inner walls, items do not hide": outlast.variant("ffa_3").with_(Partitions()).replace(cameras_items_occlude=False),
     "rooms and roles": outlast.variant("teams_4")
