@@ -5,9 +5,8 @@ github.com/openai/multi-agent-emergence-environments, folder mae_envs.
 """
 
 from .climbing import Climbing
-from .handling import Handling
 from .hiding import Hiding
 from .quadrant import Quadrant
-from .things import Things
+from .things import Handling, Things
 
 __all__ = ["Climbing", "Handling", "Hiding", "Quadrant", "Things"]

@@ -30,7 +30,7 @@ from outlast.ecs import (
 from outlast.systems.geometry.bodies import Bodies
 from outlast.systems.geometry.queries import around
 
-JOINT, MEAN = 0, 1  # indices into the choices of Hiding.rule
+JOINT, SELFISH = 0, 2  # indices into the choices of Hiding.rule
 MOMENTS = 2
 HALF = np.float32(0.5)
 
@@ -71,11 +71,24 @@ class Hiding(Module):
 def meets(masks: Any, side: Any, agents: Array, i: int) -> bool:
     """Return whether agent number `i` is a hider that a seeker sees, or a seeker that sees a hider."""
     for j in range(agents.size):
-        if side.side[agents[j]] == SEEKERS and side.side[agents[i]] == HIDERS and is_set(masks.mask, j, agents[i]):
+        own, other = side.side[agents[i]], side.side[agents[j]]
+        if own == HIDERS and other == SEEKERS and is_set(masks.mask, j, agents[i]):
             return True
-        if side.side[agents[i]] == SEEKERS and side.side[agents[j]] == HIDERS and is_set(masks.mask, i, agents[j]):
+        if own == SEEKERS and other == HIDERS and is_set(masks.mask, i, agents[j]):
             return True
     return False
+
+
+@kernel
+def met_share(masks: Any, side: Any, agents: Array, i: int, rule: int) -> Any:
+    """Return the share of a tick in which agent number `i` meets the other side, by the rule: 0 to 1, float32."""
+    if rule == SELFISH:
+        return np.float32(meets(masks, side, agents, i))
+    met, members = np.float32(0), np.float32(0)
+    for j in range(agents.size):
+        if side.side[agents[j]] == side.side[agents[i]]:
+            met, members = met + np.float32(meets(masks, side, agents, j)), members + np.float32(1)
+    return np.float32(met > 0) if rule == JOINT else met / members
 
 
 @Hiding.system(Phase.REWARD)
@@ -96,32 +109,19 @@ def pay(
     outside: float,
 ) -> None:
     """Pay all agents."""
-    counts = clock.tick[0] > preparation_ticks
-    some, met, members = False, (0, 0), (0, 0)  # by side: how many see or are seen, and how many there are
+    counts, some = clock.tick[0] > preparation_ticks, False
     for i in range(agents.size):
-        here = meets(masks, side, agents, i)
-        hides, seeks = side.side[agents[i]] == HIDERS, side.side[agents[i]] == SEEKERS
-        met, members = (met[0] + (here and hides), met[1] + (here and seeks)), (members[0] + hides, members[1] + seeks)
-        some |= here
+        e, s = agents[i], side.side[agents[i]]
+        reward_table.reward[i] = 0
+        some |= meets(masks, side, agents, i)
+        if counts and s >= 0:
+            share = np.float32(2) * met_share(masks, side, agents, i, rule) - np.float32(1)
+            reward_table.reward[i] = reward * (share if s == SEEKERS else -share)
+        if s >= 0 and entities.alive[e] and is_outside(body, floor, e):
+            reward_table.reward[i] -= outside
     if counts:
         tracked.ticks_seen[0] += some
         outcome.outcome[SEEKERS if some else HIDERS] += 1
-    for i in range(agents.size):
-        e, share = agents[i], np.float32(0)
-        s = side.side[e]
-        if counts and s >= 0:
-            if rule == JOINT:
-                share = np.float32(1 if some else 0)
-            elif rule == MEAN:
-                share = np.float32(met[1] if s == SEEKERS else met[0]) / np.float32(members[1] if s else members[0])
-            else:
-                share = np.float32(meets(masks, side, agents, i))
-            share = share + share - np.float32(1)
-            reward_table.reward[i] = reward * (share if s == SEEKERS else -share)
-        else:
-            reward_table.reward[i] = 0
-        if s >= 0 and entities.alive[e] and is_outside(body, floor, e):
-            reward_table.reward[i] -= outside
 
 
 @kernel
@@ -131,20 +131,38 @@ def is_outside(body: Any, floor: Any, e: int) -> bool:
     return bool(abs(body.x[e]) > HALF * width or abs(body.y[e]) > HALF * height)
 
 
-@Hiding.system(Phase.RECORD, before=Tracked)
-def track_things(
+@Hiding.system(Phase.RECORD)
+def track(
     tracked: Write[Tracked],
     body: Read[Body],
+    shape: Read[Shape],
     movable: Read[Movable],
+    welds: Read[Weld],
+    side: Read[Side],
     clock: Read[Clock],
+    locks: Read[Locked],
+    climbs: Read[Climbed] | None,
+    doors: Read[Doors] | None,
+    agents: Rows[Side, Weld],
     things: Rows[Movable],
+    members: Bitset[Movable],
     crate: RowIndex[Crate],
+    bodies: Bodies,
     preparation_ticks: int,
 ) -> None:
-    """Record how far things are from where they began, and how many are locked."""
+    """Record who handles what, how far things have come, how many are locked, and which doors are closed."""
+    for e in agents:
+        if welds.other[e] >= 0:
+            tracked.held[side.side[e]] += 1
+    for k in range(locks.count[0]):
+        count = tracked.locks if locks.locked[k] else tracked.unlocks
+        count[side.side[locks.agent[k]]] += 1
+    if climbs is not None:
+        for k in range(climbs.count[0]):
+            tracked.climbs[side.side[climbs.agent[k]]] += 1
     for moment in range(int(clock.tick[0] > preparation_ticks), MOMENTS):
         tracked.crates_moved[moment] = tracked.ramps_moved[moment] = 0
-        tracked.crates_locked[moment] = tracked.ramps_locked[moment] = 0
+        tracked.crates_locked[moment] = tracked.ramps_locked[moment] = tracked.doors_closed[moment] = 0
         for e in things:
             far: Any = np.float32(math.hypot(body.x[e] - movable.start_x[e], body.y[e] - movable.start_y[e]))
             if crate[e] >= 0:
@@ -153,43 +171,7 @@ def track_things(
             else:
                 tracked.ramps_moved[moment] = max(tracked.ramps_moved[moment], far)
                 tracked.ramps_locked[moment] += movable.locked_by[e] >= 0
-
-
-@Hiding.system(Phase.RECORD, after=("hiding.track_hands", "hiding.track_climbs"), needs=Doors)
-def track_doors(
-    tracked: Write[Tracked],
-    doors: Read[Doors],
-    shape: Read[Shape],
-    clock: Read[Clock],
-    agents: Rows[Side],
-    things: Bitset[Movable],
-    bodies: Bodies,
-    preparation_ticks: int,
-) -> None:
-    """Record in how many doors a thing stands, so that an agent in the middle of the door would touch it."""
-    closed = 0
-    for k in range(doors.open.size):
-        if doors.open[k]:
-            closed += around(bodies, things, doors.x[k], doors.y[k], shape.radius[agents[0]]) > 0
-    for moment in range(int(clock.tick[0] > preparation_ticks), MOMENTS):
-        tracked.doors_closed[moment] = closed
-
-
-@Hiding.system(Phase.RECORD)
-def track_hands(
-    tracked: Write[Tracked], welds: Read[Weld], locks: Read[Locked], side: Read[Side], agents: Rows[Side, Weld]
-) -> None:
-    """Record who holds, locks and unlocks."""
-    for e in agents:
-        if welds.other[e] >= 0:
-            tracked.held[side.side[e]] += 1
-    for k in range(locks.count[0]):
-        count = tracked.locks if locks.locked[k] else tracked.unlocks
-        count[side.side[locks.agent[k]]] += 1
-
-
-@Hiding.system(Phase.RECORD, after="hiding.track_hands", needs=Climbed)
-def track_climbs(tracked: Write[Tracked], climbs: Read[Climbed], side: Read[Side]) -> None:
-    """Record who climbs."""
-    for k in range(climbs.count[0]):
-        tracked.climbs[side.side[climbs.agent[k]]] += 1
+        if doors is not None:
+            for k in range(doors.open.size):  # closed if an agent in the middle of the door would touch something
+                stands = around(bodies, members, doors.x[k], doors.y[k], shape.radius[agents[0]]) > 0
+                tracked.doors_closed[moment] += doors.open[k] and stands
