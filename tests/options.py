@@ -13,7 +13,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from outlast.envs.core.options import WorldOptions, argument_of, flag_of, options_of
+from outlast.envs.api import options as api
+from outlast.envs.core.options import WorldOptions, argument_of, default_of, flag_of, options_of
 from outlast.training.base import config
 from outlast.training.plots.plot import PlotOptions
 
@@ -21,21 +22,26 @@ ROOT = Path(__file__).parents[1]
 COLUMNS = 112  # of a docstring, behind its indent
 TRAINING = ROOT / "training/base/config.py", (config.RunOptions, config.TrainingConfig)
 WORLDS = ROOT / "envs/core/options.py", (WorldOptions,)
+PLAYED = ROOT / "envs/api/options.py"
 ALL: frozenset[str] = frozenset()
 # functions, where their options are declared, and what they say of them otherwise; a new option goes into the first two
 FUNCTIONS = {
     (ROOT / "training/runs/train.py", "train"): (*TRAINING, ALL),
     (ROOT / "training/arena/evaluation.py", "evaluate"): (TRAINING[0], (config.EvaluationOptions,), ALL),
     (ROOT / "training/plots/plot.py", "plot"): (ROOT / "training/plots/plot.py", (PlotOptions,), ALL),
-    (ROOT / "envs/core/make.py", "make_vec"): (*WORLDS, {"max_episode_steps", "observations"}),
+    (ROOT / "envs/api/rollout.py", "rollout"): (PLAYED, (api.RolloutOptions,), ALL),
+    (ROOT / "envs/api/film.py", "film"): (PLAYED, (api.FilmOptions, api.Looks), ALL),
+    (ROOT / "envs/api/play.py", "play"): (PLAYED, (api.PlayOptions, api.PageOptions), ALL),
+    (ROOT / "envs/api/check.py", "check"): (PLAYED, (api.CheckOptions,), ALL),
+    (ROOT / "envs/api/make.py", "make_vec"): (*WORLDS, {"max_episode_steps", "observations"}),
     (ROOT / "envs/adapters/gymnasium_agents.py", "make_agents"): (*WORLDS, {"seed"}),
     (ROOT / "envs/adapters/sb3.py", "make_sb3"): (*WORLDS, {"seed", "render_mode", "observations"}),
     (ROOT / "envs/adapters/puffer.py", "make_puffer"): (*WORLDS, {"seed"}),
     (ROOT / "envs/adapters/torchrl.py", "make_torchrl"): (*WORLDS, {"seed", "actions", "observations"}),
     (ROOT / "envs/adapters/pettingzoo.py", "parallel_env"): (*WORLDS, {"seed", "render_mode", "action_masks"}),
 }
-WHOLE = ("train", "evaluate", "plot", "make_vec")
-COMMANDS = (ROOT / "training/cli/train.py",)
+WHOLE = ("train", "evaluate", "plot", "make_vec", "rollout", "film", "play", "check")
+COMMANDS = (*ROOT.glob("envs/cli/*.py"), *ROOT.glob("training/cli/*.py"))
 
 
 def fields(path: Path, kind: Any) -> Iterator[tuple[str, ast.AnnAssign]]:
@@ -52,7 +58,9 @@ def parameters(path: Path, kind: Any) -> dict[str, str]:
     source, found = path.read_text(), dict[str, str]()
     for name, each in fields(path, kind):
         assert isinstance(each.value, ast.Call)
-        usual = f"{ast.unparse(each.annotation)} = {ast.get_source_segment(source, each.value.args[0])}"
+        plain = ast.unparse(each.value.func) == "option"
+        text = ast.get_source_segment(source, each.value.args[0]) if plain else repr(default_of(kind, name))
+        usual = f"{ast.unparse(each.annotation)} = {text}"
         found[name] = f"    {name}: {options_of(kind)[name].takes or usual},\n"
     return found
 

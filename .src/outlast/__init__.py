@@ -14,7 +14,7 @@ from . import components, ecs, errors, systems
 from .ecs.declarations.distributions import choice, free, integers, log_uniform, uniform
 from .ecs.declarations.roles import role
 from .envs.adapters.registry import register as _register
-from .envs.core.make import make_vec
+from .envs.api.make import make_vec
 from .envs.core.scaling import scaled
 from .envs.core.vector_env import SurvivalVectorEnv
 from .envs.errors import install as _install
@@ -33,8 +33,10 @@ if TYPE_CHECKING:
     from .envs.adapters.rllib import SurvivalMultiAgentEnv
     from .envs.adapters.sb3 import make_sb3
     from .envs.adapters.torchrl import make_torchrl
-    from .envs.check import check
-    from .envs.films import film
+    from .envs.api.check import check
+    from .envs.api.film import film
+    from .envs.api.play import play
+    from .envs.api.rollout import rollout
     from .envs.levels import Level
     from .envs.recording import Recording, Replay, record
     from .envs.rendering.rgb import draw
@@ -47,9 +49,7 @@ if TYPE_CHECKING:
         random_policy,
         scripted_policy,
     )
-    from .envs.rollouts import rollout
     from .envs.scenarios.floor_plan import FloorPlan
-    from .envs.web.play.call import play
     from .envs.web.replay import replay_page
     from .training.arena.evaluation import evaluate
     from .training.plots.plot import plot
@@ -119,10 +119,10 @@ _LAZY = {  # names whose modules, or the libraries they need, are loaded when th
     "SurvivalMultiAgentEnv": "envs.adapters.rllib",
     "aec_env": "envs.adapters.pettingzoo",
     "camper_policy": "envs.rollout.policies",
-    "check": "envs.check",
+    "check": "envs.api.check",
     "draw": "envs.rendering.rgb",
     "evaluate": "training.arena.evaluation",
-    "film": "envs.films",
+    "film": "envs.api.film",
     "healer_policy": "envs.rollout.policies",
     "hoarder_policy": "envs.rollout.policies",
     "hunter_policy": "envs.rollout.policies",
@@ -133,12 +133,12 @@ _LAZY = {  # names whose modules, or the libraries they need, are loaded when th
     "make_torchrl": "envs.adapters.torchrl",
     "noop_policy": "envs.rollout.policies",
     "parallel_env": "envs.adapters.pettingzoo",
-    "play": "envs.web.play.call",
+    "play": "envs.api.play",
     "plot": "training.plots.plot",
     "random_policy": "envs.rollout.policies",
     "record": "envs.recording",
     "replay_page": "envs.web.replay",
-    "rollout": "envs.rollouts",
+    "rollout": "envs.api.rollout",
     "scripted_policy": "envs.rollout.policies",
     "train": "training.runs.train",
 }

@@ -3,8 +3,9 @@
 import argparse
 from typing import Any
 
-from ..check import CHECKS, check
-from .options import PLAY, add_number, add_scenario, add_seed, scenario
+from ..api.check import CHECKS, check
+from ..api.options import CheckOptions
+from .options import add_options, add_scenario, given_options, scenario
 
 FOUND = 1  # the exit status if something was found
 
@@ -21,21 +22,16 @@ def add(commands: Any) -> None:
     examples = [("check mygame.py:ARENA", "a game of your own, with all its mechanics")]
     command = commands.add_parser("check", help=text, description=description, examples=examples)
     add_scenario(command)
-    play = command.group(PLAY)
-    add_number(play, "--worlds", 8, "number of worlds")
-    add_number(play, "--steps", 300, "ticks to play in each world")
-    add_seed(command)
+    add_options(command, CheckOptions)
     command.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
     """Print a line for each check, and what was found; the exit status."""
     width = max(map(len, CHECKS))
-    found = check(
-        scenario(options),
-        worlds=options.worlds,
-        steps=options.steps,
-        seed=options.seed,
-        passed=lambda name, text: print(f"{name:<{width}}  {text or 'ok'}", flush=True),
-    )
+
+    def passed(name: str, text: str) -> None:
+        print(f"{name:<{width}}  {text or 'ok'}", flush=True)
+
+    found = check(scenario(options), **given_options(options, CheckOptions), passed=passed)
     return FOUND if found else 0

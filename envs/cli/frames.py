@@ -1,12 +1,12 @@
 """outlast frames: play, and draw every step, as pictures or as a film."""
 
 import argparse
-import dataclasses
 from typing import Any
 
-from ..films import STEPS, Count, film
+from ..api.film import Count, film
+from ..api.options import FilmOptions, Looks
 from . import video_options
-from .options import OPPONENTS, PLAY, add_common, add_number, add_others, add_policy, add_scenario, add_seed, scenario
+from .options import add_options, add_quiet, add_scenario, given_options, scenario
 
 
 def add(commands: Any) -> None:
@@ -23,23 +23,17 @@ def add(commands: Any) -> None:
     text = "play worlds and draw every step, as pictures or as a film"
     command = commands.add_parser("frames", help=text, description=description, examples=examples)
     add_scenario(command)
-    played = command.group(PLAY)
-    add_number(played, "--worlds", "as many as --mosaic has room for, or 1", "number of worlds to play and draw")
-    add_number(played, "--steps", STEPS, "steps to play in each world")
-    add_policy(command, "scripted")
-    add_others(command, None, OPPONENTS)
-    add_seed(command)
+    add_options(command, FilmOptions)
     video_options.add(command, required=True)
-    add_common(command, "--quiet")
+    add_quiet(command)
     command.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
     """Play and draw; the exit status."""
-    asked = scenario(options)
-    given = {name: getattr(options, name) for name in ("policy", "others", "worlds", "steps", "seed")}
+    asked, given = scenario(options), given_options(options, FilmOptions) | given_options(options, Looks)
 
     def made(progress: Count) -> None:
-        film(asked, options.out, progress=progress, **given, **dataclasses.asdict(video_options.looks(options)))
+        film(asked, options.out, progress=progress, **given)
 
     return video_options.report(options, options.steps, made)

@@ -13,7 +13,9 @@ from outlast.components import Shape
 from outlast.ecs import Worlds
 from outlast.systems import Walls
 
-from ..core.make import make_vec
+from ..api.make import make_vec
+from ..api.options import LayoutOptions
+from ..core.options import GAME, OUTPUT
 from ..errors import ScenarioError, UsageError
 from ..rendering import opencv as cv2
 from ..rendering.canvas import LARGEST, SMALLEST
@@ -23,7 +25,7 @@ from ..scenarios.floor_parts import in_words
 from ..scenarios.floor_plan import GENERATORS, LAYOUT, FloorPlan
 from ..storage.atomic_write import atomic_write
 from ..storage.outputs import check_file
-from .options import GAME, OUTPUT, PLAY, VARIANT, add_changes, add_number, add_seed, path, scenario
+from .options import VARIANT, add_changes, add_number, add_options, path, scenario
 from .options import output as written
 
 LOGGER = logging.getLogger(__name__)
@@ -48,8 +50,7 @@ def add(commands: Any) -> None:
         "--variant", default="ffa_3", metavar="VARIANT", help=f"where the walls stand: {VARIANT} (default: ffa_3)"
     )
     add_changes(command)
-    add_number(command.group(PLAY), "--worlds", 1, "number of worlds to draw")
-    add_seed(command)
+    add_options(command, LayoutOptions)
     output = command.group(OUTPUT)
     add_number(output, "--size", str(SIZE), "side of each world's picture in pixels, 64 to 4096, for a .png only")
     text = "what to write: NAME.png for a picture, NAME.html for a web page, or NAME.json for a floor plan, of one "

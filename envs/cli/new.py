@@ -6,9 +6,10 @@ import keyword
 from pathlib import Path
 from typing import Any
 
+from ..core.options import OUTPUT
 from ..errors import ScenarioError
 from ..storage.outputs import check_file
-from .options import OUTPUT, output
+from .options import output
 
 TEMPLATE = Path(__file__).with_name("new_game.txt")
 

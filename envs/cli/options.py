@@ -13,12 +13,10 @@ from typing import Any, TextIO
 
 from outlast.ecs import NumberError
 
-from ..core.options import Option, default_of, flag_of, help_of, options_of
+from ..core.options import GAME, OUTPUT, Option, default_of, flag_of, help_of, options_of
 from ..errors import PlayError, RecordingError, ScenarioError, UsageError
 from ..progress import above_bars
-from ..rollout.lineup import OWN_AS, checked_entries, parse_lineup
-from ..rollout.policies import POLICIES
-from ..rollout.saved import SAVED_AS
+from ..rollout.lineup import checked_entries, parse_lineup
 from ..scenarios.derivation import by_full_name
 from ..scenarios.floor_plan import LAYOUT, named_layout
 from ..scenarios.imports import module_of
@@ -28,7 +26,7 @@ from ..scenarios.scenario import Scenario
 from ..storage.limited_read import read_text
 from ..storage.outputs import check_file
 from ..web.announce import announce as announced
-from ..web.gate import HOST, checked_place
+from ..web.gate import checked_place
 from .grammar import Parser
 
 MAX_SEED = 2**64 - 1
@@ -38,9 +36,7 @@ SIGNALLED = 128  # beside the number of the signal that ended a process: its exi
 STDOUT = "-"  # as the name of a file
 STOPPED = SIGNALLED + signal.SIGINT
 READ = ("file", "beside", "layout")  # options and arguments that may name files to be read
-OPPONENTS = "opponents of --policy: it plays one side, another one in each episode, and they play all other sides"
 CLUSTER = "without ADDRESS, on that of $RAY_ADDRESS, the one on this machine, or a new one here"
-GAME, PLAY, OUTPUT, MACHINE = "game", "what is played", "output", "machine"  # titles of groups of options
 
 
 class Output(str):
@@ -183,27 +179,6 @@ def save_scenario(options: argparse.Namespace) -> None:
             ) from error
 
 
-def add_policy(command: Parser, default: str) -> None:
-    """Add --policy; what it names is loaded where worlds are made for it."""
-    text = f"who plays: {', '.join(POLICIES)}, a saved policy ({SAVED_AS}, whose newest checkpoint is "
-    text += f"taken), or {OWN_AS} of your own (default: {default})"
-    command.group(PLAY).add_argument("--policy", type=policy, default=default, metavar="NAME", help=text)
-
-
-def add_others(command: Parser, default: str | None, text: str) -> None:
-    """Add --others, weights by name or path; `load_policies` reads the names. text: what they do."""
-    text += ". Give a policy, or several with weights, as in scripted:0.5,FILE.zip:0.5, of which one is drawn for each "
-    text += f"episode of each world (default: {default or '--policy plays all sides'})"
-    given = None if default is None else {default: 1.0}
-    command.group(PLAY).add_argument("--others", type=lineup, default=given, metavar="NAMES", help=text)
-
-
-def add_seed(command: Parser) -> None:
-    """Add --seed."""
-    text = "seed of all random numbers: the same seed gives the same episodes (default: 0)"
-    command.group(PLAY).add_argument("--seed", type=seed, default=0, metavar="N", help=text)
-
-
 def add_number(command: Any, option: str, default: Any, text: str, least: int = 1, **more: Any) -> None:
     """Add an option for an integer. default: the number, or words for what it is without it."""
     kind, number = positive if least else nonnegative, default if isinstance(default, int) else None
@@ -220,13 +195,13 @@ def add_options(command: Parser, kind: Any, **more: Mapping[str, Any]) -> None:
         if own.many:
             usual, how = [], {"action": "append"}
         elif isinstance(usual, bool):
-            how = {"action": "store_true"}
+            how, usual = {"action": "store_true"}, False
         elif own.least is not None:
             most = MAX_COUNT if own.most == Option.most else own.most
             how = {"type": functools.partial(count, least=own.least, most=most)}
         how |= {"choices": own.choices} if own.choices else {}
         how |= {"metavar": own.metavar} if own.metavar else {}
-        how |= {"default": usual, "help": help_of(kind, name), **more.get(name, {})}
+        how |= {"default": usual, "help": help_of(kind, name), **PARSED.get(name, {}), **more.get(name, {})}
         if own.group:
             command.group(own.group).add_argument(flag_of(name, own), **how)
 
@@ -234,22 +209,8 @@ def add_options(command: Parser, kind: Any, **more: Mapping[str, Any]) -> None:
 def given_options(options: argparse.Namespace, kind: Any) -> dict[str, Any]:
     """Return the options of a dataclass that were given, or are as usual, by name; without those that have no flag."""
     flags = {name: flag_of(name, own) for name, own in options_of(kind).items() if own.group}
-    return {name: getattr(options, flag.removeprefix("--").replace("-", "_")) for name, flag in flags.items()}
-
-
-def add_page(command: Parser) -> None:
-    """Add the options of commands that serve a page: --port, --host, --allow-host, --no-browser."""
-    command = command.group("page")
-    text = "port on which the page is served (default: 0, any free port)"
-    command.add_argument("--port", type=port, default=0, metavar="PORT", help=text)
-    text = "address of the interface on which the page is served; 0.0.0.0: all of them, as needed in a container "
-    text += f"(default: {HOST}, this machine only)"
-    command.add_argument("--host", default=HOST, metavar="ADDRESS", help=text)
-    text = "let in browsers that reach the page at this name and port, through a tunnel, a container's port or a "
-    text += "proxy; the address with the first one is printed (can be repeated)"
-    command.add_argument("--allow-host", type=allowed, action="append", default=[], metavar="NAME:PORT", help=text)
-    text = "print the address of the page, and do not open a browser"
-    command.add_argument("--no-browser", action="store_true", help=text)
+    found = {name: getattr(options, flag.removeprefix("--").replace("-", "_")) for name, flag in flags.items()}
+    return {name: not value if default_of(kind, name) is True else value for name, value in found.items()}
 
 
 def announce(options: argparse.Namespace, text: str, address: str) -> None:
@@ -257,16 +218,9 @@ def announce(options: argparse.Namespace, text: str, address: str) -> None:
     announced(text, address, not options.no_browser)
 
 
-def add_common(command: Parser, *options: str) -> None:
-    """Add those of --threads, --record and --quiet that are named."""
-    if "--threads" in options:
-        add_number(command.group(MACHINE), "--threads", 1, "threads that share the worlds, with the same results")
-    if "--record" in options:
-        check = functools.partial(check_file, what="recordings", error=RecordingError, new=True)
-        text = "record every tick in a new file, for `outlast replay FILE`"
-        command.group(OUTPUT).add_argument("--record", type=output(check), metavar="FILE", help=text)
-    if "--quiet" in options:
-        command.group(OUTPUT).add_argument("--quiet", action="store_true", help="show no progress bar")
+def add_quiet(command: Parser) -> None:
+    """Add --quiet."""
+    command.group(OUTPUT).add_argument("--quiet", action="store_true", help="show no progress bar")
 
 
 def policy(text: str) -> str:
@@ -365,6 +319,21 @@ def count(text: str, least: int = 1, most: int = MAX_COUNT) -> int:
         named = "2**64 - 1" if most == MAX_SEED else f"{most:,}"
         raise argparse.ArgumentTypeError(f"{text}: an integer of at most {named} is needed")
     return int(value)
+
+
+def _recording(path: str) -> None:
+    check_file(path, "recordings", RecordingError, new=True)
+
+
+# how the values of some options are parsed, by their names
+PARSED: dict[str, dict[str, Any]] = {
+    "seed": {"type": seed},
+    "policy": {"type": policy},
+    "others": {"type": lineup},
+    "record": {"type": output(_recording)},
+    "port": {"type": port},
+    "allow_hosts": {"type": allowed},
+}
 
 
 def _varied(asked: Scenario, fixed: Mapping[str, str], options: argparse.Namespace) -> Scenario:

@@ -4,8 +4,9 @@ import argparse
 import sys
 from typing import Any
 
-from ..web.play.call import FASTEST, play
-from .options import PLAY, add_common, add_number, add_others, add_page, add_scenario, add_seed, scenario
+from ..api.options import FASTEST, PageOptions, PlayOptions
+from ..api.play import play
+from .options import add_options, add_scenario, given_options, scenario
 
 
 def add(commands: Any) -> None:
@@ -24,20 +25,14 @@ def add(commands: Any) -> None:
     text = "steer an agent with the keyboard, in the browser, against policies"
     command = commands.add_parser("play", help=text, description=description, examples=examples)
     add_scenario(command)
-    add_number(command.group(PLAY), "--agent", 0, "number of the agent that you steer, from 0", least=0)
-    add_others(command, "scripted", "who plays all other agents")
-    add_seed(command)
-    text = f"speed in ticks per second, at most {FASTEST} (default: real time, which is 30 in the paper's variants)"
-    command.group(PLAY).add_argument("--fps", type=_rate, metavar="RATE", help=text)
-    add_page(command)
-    add_common(command, "--record")
+    add_options(command, PlayOptions, fps={"type": _rate})
+    add_options(command, PageOptions)
     command.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
     """Serve the game until Ctrl-C; the exit status. Raises PlayError."""
-    given = {name: getattr(options, name) for name in ("agent", "others", "seed", "fps", "port", "host", "record")}
-    play(scenario(options), browser=not options.no_browser, allow_hosts=options.allow_host, **given)
+    play(scenario(options), **given_options(options, PlayOptions), **given_options(options, PageOptions))
     print(file=sys.stderr)  # behind the ^C
     return 0
 

@@ -11,15 +11,16 @@ import numpy as np
 
 from outlast.ecs import SKIP
 
+from ..api.film import REPLAYED, Count, write_film_of
+from ..core.options import MACHINE, OUTPUT
 from ..errors import RecordingError, ReplayError
-from ..films import REPLAYED, Count, write_film_of
 from ..progress import Progress
 from ..recording import Recording, Replay
 from ..recording.selection import last_tick, rows_of
 from ..rollout.event_file import event_file
 from ..rollout.table_file import check_table
 from . import video_options
-from .options import OUTPUT, add_common, add_import, add_number, import_files, nonnegative, path, printable
+from .options import add_import, add_number, add_quiet, import_files, nonnegative, path, printable
 from .options import output as written
 
 LOGGER = logging.getLogger(__name__)
@@ -68,7 +69,8 @@ def add(commands: Any) -> None:
     add_number(part, "--to", "the last of the recording", "last tick to write", least=0, dest="last")
     text = "do not compare the ticks with the recorded digests"
     part.add_argument("--no-verify", action="store_false", dest="verify", help=text)
-    add_common(command, "--threads", "--quiet")
+    add_number(command.group(MACHINE), "--threads", 1, "threads that share the worlds, with the same results")
+    add_quiet(command)
     command.set_defaults(run=run)
 
 

@@ -12,36 +12,21 @@ from typing import Any, TextIO
 
 from outlast.ecs.kernels.errors import OutlastError
 
-from ..core.make import make_vec
+from ..api.make import make_vec
+from ..api.options import RolloutOptions
+from ..api.rollout import prepared, worlds_of
+from ..core.options import MACHINE, OUTPUT
 from ..errors import ClusterError, UsageError
 from ..progress import Progress
 from ..rollout.local import RolloutTask
 from ..rollout.policies import POLICIES
 from ..rollout.summary import Summary
 from ..rollout.table_file import check_table
-from ..rollouts import WORLDS, prepared, worlds_of
 from ..scenarios.scenario import Scenario
 from ..scenarios.varying_json import plain, same_for_all
 from ..storage.atomic_write import atomic_write
 from ..storage.outputs import check_file
-from .options import (
-    CLUSTER,
-    MACHINE,
-    OPPONENTS,
-    OUTPUT,
-    PLAY,
-    STDOUT,
-    STOPPED,
-    add_common,
-    add_number,
-    add_others,
-    add_policy,
-    add_scenario,
-    add_seed,
-    messages_shown,
-    printable,
-    scenario,
-)
+from .options import CLUSTER, STDOUT, STOPPED, add_options, add_quiet, add_scenario, messages_shown, printable, scenario
 from .options import output as written
 
 Work = Callable[[Callable[[Summary], None]], Summary]  # rolls out, and calls what it is given after every step
@@ -68,33 +53,17 @@ def add(commands: Any) -> None:
     text = "run a policy in many worlds and print the episodes' statistics"
     command = commands.add_parser("rollout", help=text, description=description, examples=examples)
     add_scenario(command)
-    played, output, machine = (command.group(title) for title in (PLAY, OUTPUT, MACHINE))
-    add_number(played, "--worlds", WORLDS, "number of worlds")
-    length = played.add_mutually_exclusive_group()
-    add_number(length, "--episodes", "1", "whole episodes to play in each world")
-    add_number(length, "--steps", "none", "steps to play in each world, instead of whole episodes")
-    add_policy(command, "random")
-    add_others(command, None, OPPONENTS)
-    add_seed(command)
-    text = "write a table with a row for each episode and all its statistics to a new file, NAME.csv"
-    output.add_argument("--csv", type=written(_check_csv), metavar="FILE", help=text)
+    files = {"csv": {"type": written(_check_csv)}, "events": {"type": written(_check_events)}}
+    add_options(command, RolloutOptions, **files)
+    output = command.group(OUTPUT)
     text = "write the statistics and the options of the rollout to a new file, NAME.json; with -, print them instead "
     text += "of the table"
     output.add_argument("--json", type=_summary, metavar="FILE", help=text)
-    text = "write a table of events (who hit, killed, used, gave or broke what) to a new file, NAME.csv or NAME.parquet"
-    output.add_argument("--events", type=written(_check_events), metavar="FILE", help=text)
     output.add_argument("--log-deaths", action="store_true", help="print a line for every death, on standard error")
-    add_common(command, "--threads", "--record", "--quiet")
-    text = "compile for this game alone: steps are faster, but compiling takes some ten seconds the first time"
-    machine.add_argument("--specialize", action="store_true", help=text)
-    text = "run this system, such as melee.aim, as Python, so that breakpoints and print work in it (can be repeated)"
-    machine.add_argument("--interpret", metavar="SYSTEM", action="append", default=[], help=text)
-    text = "with --record and a saved --policy: also record its action probabilities, values and attention, which the "
-    text += "page of `outlast replay --html` shows"
-    output.add_argument("--record-policy", action="store_true", help=text)
+    add_quiet(command)
     text = f"play on the Ray cluster at ADDRESS; {CLUSTER} (default: no cluster)"
-    machine.add_argument("--ray", nargs="?", const="", metavar="ADDRESS", help=text)
-    command.set_defaults(run=run, steps=0)
+    command.group(MACHINE).add_argument("--ray", nargs="?", const="", metavar="ADDRESS", help=text)
+    command.set_defaults(run=run)
 
 
 def _check_csv(path: str) -> None:
@@ -116,7 +85,9 @@ def _summary(text: str) -> str:
 
 def run(options: argparse.Namespace) -> int:
     """Roll out and report; the exit status."""
-    options.episodes = options.episodes or 1  # not by argparse, which takes --steps beside its own default
+    if options.steps and options.episodes:
+        raise UsageError("--steps and --episodes exclude each other: give one of them")
+    options.episodes = options.episodes or 1
     deaths = messages_shown("outlast.deaths", "%(message)s") if options.log_deaths else contextlib.nullcontext()
     asked, place, out = scenario(options), _here if options.ray is None else _on_ray, sys.stdout
     with deaths:

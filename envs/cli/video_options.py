@@ -8,31 +8,29 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from ..films import Count, Looks
+from ..api.film import Count
+from ..api.options import PICTURES, Looks
 from ..progress import Progress
-from ..rendering.layers import FILM_LAYERS_BY_NAME, FILM_OPTIONAL
 from ..rendering.video.writer import check_film
 from .grammar import Parser
-from .options import STOPPED, add_number, output, printable
+from .options import STOPPED, add_options, given_options, output, printable
 
 LOGGER = logging.getLogger(__name__)
 DEFAULTS: dict[str, Any] = dataclasses.asdict(Looks())
 
 
 def add(command: Parser, required: bool) -> None:
+<<<<<<< HEAD
     """Add --out and, for it, --size, --mosaic, --views, --every and --fps; `looks` reads them."""
     command = command.group("pictures")
+=======
+    """--out and, for it, --size, --mosaic, --views, --every and --fps; `looks` reads them."""
+    pictures = command.group(PICTURES)
+>>>>>>> 9f902551 (Declare the options of rollout, film, play and check once)
     text = "what to write: a film, NAME.mp4, NAME.webm, NAME.gif or NAME.apng; or, by any name without an ending, a "
     text += "folder of numbered PNG pictures"
-    command.add_argument("--out", type=output(check_film), required=required, metavar="PATH", help=text)
-    add_number(command, "--size", DEFAULTS["size"], "side of each world's picture in pixels, 64 to 4096")
-    text = "rows and columns of worlds in a frame, such as 2x3 (default: nearly a square)"
-    command.add_argument("--mosaic", type=grid, metavar="RxC", help=text)
-    text = f"layers to add or to leave out, as in +vision,-ids,+FILE.py:LAYER: {', '.join(FILM_LAYERS_BY_NAME)} "
-    text += f"(default: all but {', '.join(FILM_OPTIONAL)})"
-    command.add_argument("--views", default=DEFAULTS["views"], metavar="NAMES", help=text)
-    add_number(command, "--every", DEFAULTS["every"], "draw only every Nth step, and the ends of episodes")
-    add_number(command, "--fps", DEFAULTS["fps"], "frames per second; for films only")
+    pictures.add_argument("--out", type=output(check_film), required=required, metavar="PATH", help=text)
+    add_options(command, Looks, mosaic={"type": grid})
 
 
 def grid(text: str) -> tuple[int, int]:
@@ -50,7 +48,7 @@ def given(options: argparse.Namespace) -> list[str]:
 
 def looks(options: argparse.Namespace) -> Looks:
     """Return how the film looks that the options ask for."""
-    return Looks(**{name: getattr(options, name) for name in DEFAULTS})
+    return Looks(**given_options(options, Looks))
 
 
 def report(options: argparse.Namespace, total: int, made: Callable[[Count], object]) -> int:

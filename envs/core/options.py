@@ -13,6 +13,7 @@ from ..rendering.modes import RENDER_MODES
 from .validation import MAX_WORLDS, check_choice, check_count, check_flags
 
 MILLION = 10**6
+GAME, PLAY, OUTPUT, MACHINE = "game", "what is played", "output", "machine"  # titles of groups of options
 
 
 @dataclass(frozen=True)
@@ -23,7 +24,7 @@ class Option:
         group: The title of its group in the help of commands; "" if it is for Python only, and has no flag.
         text: What it is, with its unit, without a full stop; of a bool, what it does, as in "show no progress".
         python: What only Python takes or needs to know, as a sentence.
-        flag: Its flag, if that is not its name.
+        flag: Its flag, if that is not its name; of a bool that is usually True, one that begins with --no-.
         metavar: What help calls its value.
         least: The lowest integer that is allowed; None if it is not an integer.
         most: The highest integer.
@@ -85,7 +86,9 @@ def help_of(kind: Any, name: str) -> str:
     own, usual = options_of(kind)[name], default_of(kind, name)
     if own.many:
         return f"{own.text} (can be repeated)"
-    if usual is False or usual in (None, "") or "default" in own.text:
+    if usual is True:
+        return f"do not {own.text}"
+    if usual is False or usual in (None, "", ()) or "default" in own.text:
         return own.text
     short = f"{usual // MILLION}e6" if isinstance(usual, int) and usual and not usual % MILLION else usual
     return f"{own.text} (default {short})"

@@ -16,7 +16,6 @@ from outlast.ecs import Clock, Worlds
 from outlast.ecs.kernels.errors import did_you_mean
 
 from ..core.env_properties import Actions, Arrays
-from ..core.make import make_vec
 from ..core.validation import checked_actions
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import UsageError
@@ -136,7 +135,7 @@ def load_policies(names: Sequence[str | Policy], asked: Scenario, seed: int) -> 
     players: list[Any] = [each for each in chosen if hasattr(each, "scenario")]
     fitting = common_scenario(asked, players)
     if players:
-        with contextlib.closing(make_vec(fitting, 1, seed=seed)) as env:
+        with contextlib.closing(SurvivalVectorEnv(fitting, 1, seed=seed)) as env:
             for player in players:
                 player.check(env)
     return fitting, chosen

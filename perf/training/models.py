@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from outlast.envs.core.make import make_vec
+from outlast.envs.api.make import make_vec
 from outlast.envs.rollout.models import TABLE, Model, models
 from outlast.envs.storage.kept_results import RESULTS
 from outlast.training.arena.evaluation import Evaluation

@@ -9,7 +9,7 @@ import outlast
 from outlast.components import Phase, Reward, Side
 from outlast.ecs import Array, Clock, Module, Observation, Random, Read, Rows, Write, column
 from outlast.ecs.kernels.random import uniform
-from outlast.envs.check import CHECKS
+from outlast.envs.api.check import CHECKS
 from outlast.envs.cli.main import main
 from tests.conftest import COMPILED
 from tests.helpers.mechanics import kind

@@ -184,7 +184,7 @@ def test_a_stopped_replay_makes_nothing_more(tmp_path: Path, monkeypatch: pytest
     def stop(*arguments: Any, **named: Any) -> Any:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("outlast.envs.films.footage", stop)
+    monkeypatch.setattr("outlast.envs.api.film.footage", stop)
     words = ["--out", tmp_path / "a.webm", "--html", tmp_path / "a.html", "--quiet"]
     assert main(["replay", str(path), *map(str, words)]) == 130
     assert [each.name for each in tmp_path.iterdir()] == ["a.rec"]

@@ -14,7 +14,7 @@ import pytest
 
 from outlast import variant
 from outlast.components import Body
-from outlast.envs.films import HOLD
+from outlast.envs.api.film import HOLD
 from outlast.envs.rendering import video
 from outlast.envs.scenarios.fingerprint import difference, fingerprint
 from outlast.envs.scenarios.serialize import classes

@@ -86,7 +86,7 @@ def test_films_that_cannot_be_made_lose_no_tables(capsys, monkeypatch, tmp_path:
     def full(*_: object, **__: object) -> None:
         raise FilmError("the disk is full")
 
-    monkeypatch.setattr("outlast.envs.films.write_film", full)
+    monkeypatch.setattr("outlast.envs.api.film.write_film", full)
     small = ("--episodes", 2, "--worlds", 2, *QUICK, "--quiet", "--out", tmp_path)
     with pytest.raises(FilmError):
         evaluate("ffa_1", "noop", "scripted", *small, "--film")

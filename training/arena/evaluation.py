@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from outlast.envs.api.make import make_vec
 from outlast.envs.core.agents import fewest_sides
-from outlast.envs.core.make import make_vec
 from outlast.envs.core.options import check_options
 from outlast.envs.progress import Progress
 from outlast.envs.recording import record

@@ -6,7 +6,8 @@ import threading
 from pathlib import Path
 from typing import Any
 
-from outlast.envs.cli.options import add_import, add_page, announce, import_files, printable
+from outlast.envs.api.options import PageOptions
+from outlast.envs.cli.options import add_import, add_options, announce, import_files, printable
 
 from ..base import run_header
 from ..base.errors import TrainingError, needed
@@ -26,7 +27,7 @@ def add(commands: Any) -> None:
     text = "folder of a run of `outlast train`, which may still be training"
     command.add_argument("run_folder", type=Path, metavar="RUN", help=text)
     add_import(command, "the run uses")
-    add_page(command)
+    add_options(command, PageOptions)
     command.set_defaults(run=run)
 
 

@@ -4,7 +4,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from outlast.envs.cli.options import OUTPUT, output
+from outlast.envs.cli.options import output
+from outlast.envs.core.options import OUTPUT
 
 from ..base.files import check_out, write_files
 from ..plots.plot import DRAWN, FORMS

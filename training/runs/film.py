@@ -3,7 +3,7 @@
 import logging
 from pathlib import Path
 
-from outlast.envs.films import Looks, write_film_of
+from outlast.envs.api.film import Looks, write_film_of
 from outlast.envs.scenarios.scenario import Scenario
 
 from .episode import episode

@@ -16,8 +16,8 @@ from outlast.systems.ending import outliving_wins
 
 from ... import recording
 from ...core.agents import alive, fewest_agents, side
-from ...core.make import make_vec
 from ...core.spaces import published
+from ...core.vector_env import SurvivalVectorEnv
 from ...errors import PlayError
 from ...inspect.events import events
 from ...inspect.observation_text import observation_text
@@ -45,7 +45,7 @@ class Game:
 
     others: who plays the other agents, see lineup.Lineup. record: a new file for a recording of the game, see
     outlast.record. Keys set actions by name, in the engine's own values (ahead: -1, 0, 1). Raises PlayError if there is
-    no such agent, RecordingError if the file cannot be written, and what make_vec raises.
+    no such agent, RecordingError if the file cannot be written, and what environments raise.
     """
 
     def __init__(
@@ -57,7 +57,7 @@ class Game:
         seed: int = 0,
         record: str | os.PathLike[str] | None = None,
     ) -> None:
-        self.env = make_vec(scenario, 1, seed=seed, autoreset_mode="Disabled", copy=False)
+        self.env = SurvivalVectorEnv(scenario, 1, seed=seed, autoreset_mode="Disabled", copy=False)
         try:
             if Episode not in self.env.worlds:
                 raise PlayError(f"{scenario.name} has no 'record', by which episodes are judged here: add Record()")

@@ -8,14 +8,13 @@ from typing import Any
 
 from outlast.ecs.kernels.integers import is_whole
 
-from ...errors import PlayError, install
-from ...rollout.lineup import Others, entries_of, load_policies
-from ...scenarios.parse import checks_keywords, options_of, resolve
-from ...scenarios.scenario import Number, Scenario
-from ..announce import announce
-from ..gate import HOST, Site
-
-FASTEST = 1000  # ticks per second
+from ..errors import PlayError, install
+from ..rollout.lineup import Others, entries_of, load_policies
+from ..scenarios.parse import checks_keywords, options_of, resolve
+from ..scenarios.scenario import Number, Scenario
+from ..web.announce import announce
+from ..web.gate import HOST, Site
+from .options import FASTEST
 
 
 @checks_keywords
@@ -64,8 +63,8 @@ def play(
             notebook.
     """
     try:
-        from .game import Game  # imported here, as they need websockets, which is optional
-        from .server import play as serve
+        from ..web.play.game import Game  # imported here, as they need websockets, which is optional
+        from ..web.play.server import play as serve
     except ModuleNotFoundError as error:
         package = str(error.name).partition(".")[0]
         raise PlayError(f"outlast play needs {package}: {install('play')}") from error

@@ -4,9 +4,9 @@ from collections.abc import Collection
 
 from gymnasium.vector import AutoresetMode
 
+from ..core.vector_env import SurvivalVectorEnv
 from ..scenarios.parse import checks_keywords, options_of, resolve
 from ..scenarios.scenario import Number, Scenario
-from .vector_env import SurvivalVectorEnv
 
 
 @checks_keywords

@@ -4,31 +4,31 @@ import contextlib
 import logging
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from outlast.ecs import Worlds
 from outlast.ecs.kernels.integers import is_whole
 
-from .core.validation import check_count
-from .errors import FilmError
-from .recording import Recording, Replay
-from .recording.selection import last_tick, rows_of
-from .rendering.layers import FILM_LAYERS, Layer, Scene, select
-from .rendering.modes import FPS
-from .rendering.rgb import checked_layers
-from .rendering.video import footage, write_film
-from .rendering.video.footage import check_pictures
-from .rendering.video.writer import check_film, ending
-from .rollout.lineup import Other, Others, entries_of
-from .rollout.local import ticks
-from .rollouts import worlds_of
-from .scenarios.parse import checks_keywords, options_of, resolve
-from .scenarios.scenario import Number, Scenario
+from ..core.validation import check_count
+from ..errors import FilmError
+from ..recording import Recording, Replay
+from ..recording.selection import last_tick, rows_of
+from ..rendering.layers import FILM_LAYERS, Layer, Scene, select
+from ..rendering.modes import FPS
+from ..rendering.rgb import checked_layers
+from ..rendering.video import footage, write_film
+from ..rendering.video.footage import check_pictures
+from ..rendering.video.writer import check_film, ending
+from ..rollout.lineup import Other, Others, entries_of
+from ..rollout.local import ticks
+from ..scenarios.parse import checks_keywords, options_of, resolve
+from ..scenarios.scenario import Number, Scenario
+from .options import STEPS, Looks
+from .rollout import worlds_of
 
 LOGGER = logging.getLogger(__name__)
-STEPS, REPLAYED = 150, 16  # by default: steps of a film (5 seconds), and worlds of a recording at most
+REPLAYED = 16  # worlds of a recording at most, by default
 HOLD = 0.8  # seconds for which films show the end of an episode; folders of pictures do not
 SOURCES = (".py", ".json")  # endings of files of scenarios; all other files are taken for recordings
 RECORDINGS = ".rec"  # the usual ending of recordings
@@ -36,6 +36,7 @@ RECORDINGS = ".rec"  # the usual ending of recordings
 Count = Callable[[int], object]  # called with the number of frames so far
 
 
+<<<<<<< HEAD:envs/films.py
 @dataclass(frozen=True)
 class Looks:
     """The look of a film.
@@ -55,6 +56,8 @@ class Looks:
     fps: int = FPS
 
 
+=======
+>>>>>>> 9f902551 (Declare the options of rollout, film, play and check once):envs/api/film.py
 @checks_keywords
 def film(
     game: str | os.PathLike[str] | Scenario | Recording,

@@ -8,17 +8,16 @@ from typing import Any
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from .core.make import make_vec
-from .core.validation import check_count
-from .core.vector_env import SurvivalVectorEnv
-from .errors import RecordingError, UsageError
-from .inspect.event_table import with_episodes
-from .recording import record as record_env
-from .rollout import local
-from .rollout.against import Against
-from .rollout.episode_file import Ended, episode_file, numbered
-from .rollout.event_file import event_file
-from .rollout.lineup import (
+from ..core.validation import check_count
+from ..core.vector_env import SurvivalVectorEnv
+from ..errors import RecordingError, UsageError
+from ..inspect.event_table import with_episodes
+from ..recording import record as record_env
+from ..rollout import local
+from ..rollout.against import Against
+from ..rollout.episode_file import Ended, episode_file, numbered
+from ..rollout.event_file import event_file
+from ..rollout.lineup import (
     Entries,
     Lineup,
     Other,
@@ -30,21 +29,22 @@ from .rollout.lineup import (
     loaded,
     maker,
 )
-from .rollout.memory import check_memories
-from .rollout.policies import Policy, plain
-from .rollout.summary import Summary
-from .rollout.table_file import check_table
-from .scenarios.parse import checks_keywords, options_of, resolve
-from .scenarios.scenario import Number, Scenario
-from .storage.interrupts import left_whole
-from .storage.outputs import check_file
+from ..rollout.memory import check_memories
+from ..rollout.policies import Policy, plain
+from ..rollout.summary import Summary
+from ..rollout.table_file import check_table
+from ..scenarios.parse import checks_keywords, options_of, resolve
+from ..scenarios.scenario import Number, Scenario
+from ..storage.interrupts import left_whole
+from ..storage.outputs import check_file
+from .make import make_vec
+from .options import WORLDS
 
 Array = np.ndarray[Any, Any]
 File = str | os.PathLike[str]
 Progress = Callable[[Summary], None]
 Watch = Callable[[Array], None]
 Play = Callable[[Progress], Summary]
-WORLDS = 1024  # how many worlds play by default
 
 
 @checks_keywords

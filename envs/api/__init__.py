@@ -1,0 +1,1 @@
+"""The front door: what `outlast` has to make, play, film and check games."""
