@@ -184,7 +184,7 @@ def hide_and_seek() -> Image:
 
 def levels() -> Image:
     """What the mechanics of walls build, and a floor plan."""
-    plan = outlast.FloorPlan.from_text(
+    plan = outlast.levels.FloorPlan.from_text(
         """
         AA....#..........BB
         AA....#....#.....BB

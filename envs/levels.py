@@ -75,7 +75,7 @@ class Level:
         Args:
             scenario: The scenario that varies the numbers, or its name.
             rng: Generator that chooses the numbers, and draws their values.
-            count: How many numbers to draw; if fewer vary, all of them. Free ones (see outlast.free) stay as they are.
+            count: How many numbers to draw; if fewer vary, all. Free ones (distributions.free) stay as they are.
             rekey: Whether to draw another key, too, for other start places and other luck.
 
         Raises:
@@ -172,10 +172,10 @@ def decoded(entries: Iterable[Any]) -> list[Level]:
 def check_all(levels: Any, varied: Mapping[str, Distribution]) -> None:
     """NumberError, which names the first that is wrong, unless all are levels that fit these distributions."""
     if isinstance(levels, (Level, str)) or not isinstance(levels, Sequence):
-        raise NumberError(f"levels = {levels!r:.200}: a list of outlast.Level is needed")
+        raise NumberError(f"levels = {levels!r:.200}: a list of outlast.levels.Level is needed")
     for k, level in enumerate(levels):
         if not isinstance(level, Level):
-            raise NumberError(f"level {k} is {level!r:.200}: an outlast.Level is needed")
+            raise NumberError(f"level {k} is {level!r:.200}: an outlast.levels.Level is needed")
         try:
             check(level, varied)
         except NumberError as error:

@@ -22,7 +22,8 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from outlast import Scenario, integers, make_vec, role, uniform, variant
+from outlast import Scenario, make_vec, role, variant
+from outlast.distributions import integers, uniform
 from outlast.ecs import RESET, STEP, Worlds
 from outlast.envs.rollout.policies import random_policy
 from outlast.envs.scenarios.variants import VARIANTS

@@ -38,7 +38,7 @@ def batch(variant: str, worlds: int, **more: Any) -> Made:
 
 def agents(variant: str, worlds: int) -> Made:
     """Every agent a sub-environment."""
-    env: Any = outlast.make_agents(variant, worlds, seed=0)
+    env: Any = outlast.adapters.make_agents(variant, worlds, seed=0)
     env.reset()
     draws = drawn(env.single_action_space.nvec, (env.num_envs, len(env.single_action_space.nvec)))
     return worlds, env.num_envs, lambda k: env.step(draws[k % DRAWS])
@@ -68,7 +68,7 @@ def single(variant: str, worlds: int) -> Made:
 
 def parallel(variant: str, worlds: int) -> Made:
     """PettingZoo: one world, dictionaries by agent."""
-    env = outlast.parallel_env(variant, seed=0, dead="keep")
+    env = outlast.adapters.parallel_env(variant, seed=0, dead="keep")
     env.reset()
     sizes = env.action_space(env.possible_agents[0]).nvec
     draws = [dict(zip(env.possible_agents, each)) for each in drawn(sizes, (len(env.possible_agents), len(sizes)))]
@@ -83,7 +83,7 @@ def parallel(variant: str, worlds: int) -> Made:
 
 def sb3(variant: str, worlds: int) -> Made:
     """Stable-Baselines3's VecEnv."""
-    env = outlast.make_sb3(variant, worlds, seed=0)
+    env = outlast.adapters.make_sb3(variant, worlds, seed=0)
     env.reset()
     draws = drawn(env.action_space.nvec, (env.num_envs, len(env.action_space.nvec)))
     return worlds, env.num_envs, lambda k: env.step(draws[k % DRAWS])
@@ -93,7 +93,7 @@ def torchrl(variant: str, worlds: int) -> Made:
     """TorchRL's own environment, stepped by hand."""
     import torch
 
-    env: Any = outlast.make_torchrl(variant, worlds, seed=0)
+    env: Any = outlast.adapters.make_torchrl(variant, worlds, seed=0)
     shape = (worlds, env.vector_env.num_agents)
     draws = [torch.as_tensor(each) for each in drawn(env.vector_env.single_action_space.nvec, shape)]
     state = [env.reset()]
@@ -111,7 +111,7 @@ def torchrl_collector(variant: str, worlds: int) -> Made:
     from tensordict.nn import TensorDictModule
     from torchrl.collectors import Collector
 
-    env: Any = outlast.make_torchrl(variant, worlds, seed=0)
+    env: Any = outlast.adapters.make_torchrl(variant, worlds, seed=0)
     agents = env.vector_env.num_agents
     idle = torch.full((worlds, agents), int(env.vector_env.noop))
     policy = TensorDictModule(lambda state: idle, in_keys=["state"], out_keys=[("agents", "action")])
@@ -122,7 +122,7 @@ def torchrl_collector(variant: str, worlds: int) -> Made:
 
 def puffer(variant: str, worlds: int) -> Made:
     """PufferLib's native environment."""
-    env: Any = outlast.make_puffer(variant, worlds)
+    env: Any = outlast.adapters.make_puffer(variant, worlds)
     env.reset(seed=0)
     draws = drawn(env.single_action_space.nvec, (env.num_agents, len(env.single_action_space.nvec)))
     return worlds, env.num_agents, lambda k: env.step(draws[k % DRAWS])
@@ -132,7 +132,7 @@ def puffer_vector(variant: str, worlds: int) -> Made:
     """PufferLib's vectorisation in this process; observations are stored, as its trainer does."""
     from pufferlib import vector
 
-    env = vector.make(outlast.make_puffer, [variant, worlds], backend=vector.Serial, num_envs=1)
+    env = vector.make(outlast.adapters.make_puffer, [variant, worlds], backend=vector.Serial, num_envs=1)
     env.async_reset(0)
     actions = drawn(env.single_action_space.nvec, (env.num_agents, len(env.single_action_space.nvec)))[0]
     kept = np.zeros((STEPS, env.num_agents, *env.single_observation_space.shape), np.float32)
@@ -151,7 +151,7 @@ def sb3_collector(variant: str, worlds: int) -> Made:
     from stable_baselines3 import PPO
     from stable_baselines3.common.callbacks import CallbackList
 
-    env = outlast.make_sb3(variant, worlds, seed=0, observations="flat")
+    env = outlast.adapters.make_sb3(variant, worlds, seed=0, observations="flat")
     model = PPO("MlpPolicy", env, n_steps=STEPS, policy_kwargs={"net_arch": [1]})
     actions = torch.ones(env.num_envs, len(env.action_space.nvec), dtype=torch.int64)
     zeros = torch.zeros(env.num_envs)

@@ -17,7 +17,8 @@ import time
 
 import numpy as np
 
-from outlast import Scenario, choice, role, variant
+from outlast import Scenario, role, variant
+from outlast.distributions import choice
 from outlast.systems import Lidar, Maze, Pillars, Rooms, Walls
 from perf.measure import in_turn, stepper, timer
 from perf.table import positive

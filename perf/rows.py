@@ -4,8 +4,9 @@ import argparse
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from outlast import ALIASES, Scenario, variant
+from outlast import Scenario, variant
 from outlast.envs.scenarios.parse import resolve
+from outlast.envs.scenarios.variants import ALIASES
 from outlast.errors import OutlastError
 from outlast.systems import Boxes, Cameras, Heals
 

@@ -22,7 +22,7 @@ ROUNDING = 0.01  # metres by which rectangles may reach beyond the room
 
 @dataclass(frozen=True)
 class Walls(InnerWalls):
-    """Blocks that are the same in every episode; outlast.FloorPlan makes them from text, files and lists.
+    """Blocks that are the same in every episode; outlast.levels.FloorPlan makes them from text, files and lists.
 
     layout: six numbers for each rectangle, in a single row: x and y of the middle, width, height (metres), angle
     (radians), and what it is: 0 for a block, 1 for the start area of side 0, 2 for that of side 1 and so on, -1 for
@@ -31,7 +31,11 @@ class Walls(InnerWalls):
     """
 
     layout: tuple[float, ...] = number(
-        (), low=-(2.0**23), high=1e4, free=True, about="rectangles of a floor plan, as outlast.FloorPlan makes them"
+        (),
+        low=-(2.0**23),
+        high=1e4,
+        free=True,
+        about="rectangles of a floor plan, as outlast.levels.FloorPlan makes them",
     )
 
     def most_blocks(self) -> int:
@@ -45,7 +49,7 @@ class Walls(InnerWalls):
         if len(self.layout) % ENTRY:
             raise NumberError(
                 f"walls.layout has {len(self.layout)} numbers: {ENTRY} for each rectangle are needed (x, y, width, "
-                "height, angle, what it is); outlast.FloorPlan(...).layout() makes them"
+                "height, angle, what it is); outlast.levels.FloorPlan(...).layout() makes them"
             )
         sides = self.whole(layout)
         found = [entry for entry in entries(self.layout) if entry[WIDTH] != 0 or entry[HEIGHT] != 0]

@@ -109,16 +109,20 @@ def written(path: Path, function: str) -> str:
 
 def places() -> dict[str, list[str]]:
     """By option, with its class, the places where it is declared, or a flag is added by hand."""
-    found, flags = dict[str, list[str]](), dict[str, str]()
+    found, flags = dict[str, list[str]](), dict[str, list[str]]()
     for path, kinds in dict.fromkeys((path, kinds) for path, kinds, _ in FUNCTIONS.values()):
         for kind in kinds:
             for name, each in fields(path, kind):
                 found[f"{kind.__name__}.{name}"] = [f"{path.relative_to(ROOT)}:{each.lineno}"]
                 if options_of(kind)[name].group:
-                    flags[flag_of(name, options_of(kind)[name])] = f"{kind.__name__}.{name}"
+                    flags.setdefault(flag_of(name, options_of(kind)[name]), []).append(f"{kind.__name__}.{name}")
     for path in COMMANDS:
-        for flag in re.findall(r'add_argument\(\s*"(--[\w-]+)"', path.read_text()):
-            found.get(flags.get(flag, ""), []).append(f"{path.relative_to(ROOT)} ({flag})")
+        text = path.read_text()
+        whole = set(re.findall(r"add_options\(command, (\w+)(?:\)|, \w+=|, \*\*)", text))
+        for flag in re.findall(r'add_(?:argument|number)\([^"]*"(--[\w-]+)"', text):
+            for name in flags.get(flag, ()):
+                if name.partition(".")[0] in whole:  # the command has all options of that class
+                    found[name].append(f"{path.relative_to(ROOT)} ({flag})")
     return found
 
 

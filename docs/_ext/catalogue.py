@@ -37,7 +37,7 @@ def variants() -> str:
     differing = [key for key in sorted(everywhere) if len({repr(own[key]) for own in numbers.values()}) > 1]
     counts = sorted({key for own in numbers.values() for key in own if key.endswith("_count")} - everywhere)
     keys = differing + counts
-    original = {name: alias for alias, name in outlast.ALIASES.items()}
+    original = {name: alias for alias, name in outlast.envs.scenarios.variants.ALIASES.items()}
     rows = [
         [code(name), code(original[name]), *(shown(own.get(key, "–")) for key in keys)] for name, own in numbers.items()
     ]
@@ -50,7 +50,7 @@ def cards() -> str:
 
 
 def _card(name: str) -> str:
-    original = next(alias for alias, own in outlast.ALIASES.items() if own == name)
+    original = next(alias for alias, own in outlast.envs.scenarios.variants.ALIASES.items() if own == name)
     env = outlast.make_vec(name, 1)
     numbers, seen = env.scenario.numbers(), env.single_observation_space
     pays = {"a tick alive": "alive", "a tick dead": "dead", "a kill": "kill", "a death": "death"}

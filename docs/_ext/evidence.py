@@ -79,7 +79,7 @@ def compared() -> str:
         rows = list(csv.DictReader(file))
     lines, before = [], ""
     for row in rows:
-        name = code(outlast.ALIASES[row["variant"]])
+        name = code(outlast.envs.scenarios.variants.ALIASES[row["variant"]])
         numbers = (row["original"], f"{float(row['outlast']):.3g}", row["errors apart"])
         lines.append([name if name != before else "", row["quantity"], *numbers])
         before = name

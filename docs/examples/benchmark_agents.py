@@ -37,7 +37,7 @@ def train_sb3(task: str, seed: int, steps: int = 10_000_000) -> None:
 
     from outlast.training.benchmark.tasks import task_of
 
-    env = outlast.make_sb3(task_of(task).scenario, 64, seed=seed)
+    env = outlast.adapters.make_sb3(task_of(task).scenario, 64, seed=seed)
     model = PPO("MultiInputPolicy", env, n_steps=256, batch_size=4096, n_epochs=4, seed=seed, device="cpu")
     model.learn(steps)
     model.save(f"sb3-{env.base_env.scenario.file_name}-{seed}")
@@ -88,7 +88,7 @@ def mappo(env, seed: int) -> Policy:
     columns = joint + np.cumsum([0, *sizes[:-1]])  # of a mask
 
     def act(observations: Observations) -> np.ndarray:
-        seen = outlast.scaled(observations, env.fields)
+        seen = outlast.adapters.scaled(observations, env.fields)
         row = np.concatenate([array.reshape(env.num_worlds, env.num_agents, -1) for array in seen.values()], -1)
         for weight, bias in zip(layers[:-2:2], layers[1:-2:2], strict=True):
             row = np.tanh(row @ weight.T + bias)

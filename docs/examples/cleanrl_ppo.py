@@ -167,7 +167,7 @@ def learn(agent: Agent, optimizer: torch.optim.Optimizer, batch: dict[str, torch
 def make(scenario: str | outlast.Scenario, args: Args):
     """All agents of all worlds, each of them a sub-environment."""
     form = {"observations": "flat", "scaled": True, "action_masks": True}
-    return outlast.make_agents(scenario, args.num_worlds, autoreset_mode="SameStep", **form)
+    return outlast.adapters.make_agents(scenario, args.num_worlds, autoreset_mode="SameStep", **form)
 
 
 def train(args: Args, make=make, kind: type[Rollouts] = Rollouts) -> tuple[Agent, np.ndarray]:

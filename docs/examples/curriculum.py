@@ -19,7 +19,9 @@ from pathlib import Path
 import numpy as np
 
 import outlast
-from outlast import FloorPlan, Level, integers, levels, uniform
+from outlast import levels
+from outlast.distributions import integers, uniform
+from outlast.levels import FloorPlan, Level
 from outlast.systems import Lidar, Maze
 from outlast.training.ppo.curriculum import TrainingProgress
 
@@ -45,7 +47,7 @@ BY_HAND = (
     FloorPlan([(x, y, 10, 0.4, x * y / 50) for x in (-6, 6) for y in (-5, 5)]),
 )
 LAYOUTS = [plan.layout(5) for plan in BY_HAND]
-PLANS = SEARCH.with_(BY_HAND[0].mechanic(5)).vary(walls_layout=outlast.free(LAYOUTS[0]))
+PLANS = SEARCH.with_(BY_HAND[0].mechanic(5)).vary(walls_layout=outlast.distributions.free(LAYOUTS[0]))
 METHODS = ("drawn", "chosen")
 KEPT, NEW = 96, 48  # in each rollout: levels that are played again, and new levels that are tried
 FORGET = 0.7  # the weight of earlier episodes is multiplied by it in each rollout, as the policy changes

@@ -12,12 +12,12 @@ GAME = (
     outlast.variant("ffa_3")
     .with_(Behaviour())
     .vary(
-        cameras_depth=outlast.uniform(3.0, 14.0),
-        cameras_fov=outlast.uniform(0.4, 3.0),
-        melee_damage=outlast.integers(1, 20),
-        motors_ahead=outlast.log_uniform(0.03, 0.5),
-        n_boxes=outlast.integers(1, 8),
-        safe_zone_damage=outlast.integers(1, 5),
+        cameras_depth=outlast.distributions.uniform(3.0, 14.0),
+        cameras_fov=outlast.distributions.uniform(0.4, 3.0),
+        melee_damage=outlast.distributions.integers(1, 20),
+        motors_ahead=outlast.distributions.log_uniform(0.03, 0.5),
+        n_boxes=outlast.distributions.integers(1, 8),
+        safe_zone_damage=outlast.distributions.integers(1, 5),
     )
 )
 # cells each way; metres moved, and share of ticks with an enemy in view, of the last cell
@@ -34,11 +34,11 @@ def fill(seconds, worlds=128, seed=0):
     """By cell, the longest episode that was found there, in ticks, and its level."""
     rng, elites = np.random.default_rng(seed), {}
     env = outlast.make_vec(GAME, worlds, seed=seed)
-    policy, end = outlast.scripted_policy(env), time.monotonic() + seconds
+    policy, end = outlast.policies.scripted_policy(env), time.monotonic() + seconds
     while not elites or time.monotonic() < end:
         parents, count = [level for _, level in elites.values()], 2
         if not parents:
-            parents, count = [outlast.Level()], len(GAME.varied)
+            parents, count = [outlast.levels.Level()], len(GAME.varied)
         levels = [parents[k].mutated(GAME, rng, count, rekey=True) for k in rng.integers(len(parents), size=worlds)]
         env.set_levels(levels)
         found = outlast.rollout(env, policy, keep=True).arrays()

@@ -42,7 +42,7 @@ def make(scenario: str | outlast.Scenario, args: Args):
     """The worlds, shared out among processes."""
     options = {"backend": vector.Multiprocessing, "num_envs": PROCESSES, "num_workers": PROCESSES, "overwork": True}
     worlds = [scenario, args.num_worlds // PROCESSES], {"scaled": True}
-    return vector.make([outlast.make_puffer] * PROCESSES, *([each] * PROCESSES for each in worlds), **options)
+    return vector.make([outlast.adapters.make_puffer] * PROCESSES, *([each] * PROCESSES for each in worlds), **options)
 
 
 if __name__ == "__main__":

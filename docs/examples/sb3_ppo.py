@@ -31,7 +31,7 @@ ALGORITHMS = {
 
 def make_env(seed: int) -> VecMonitor:
     """128 agents in 64 worlds, as so many environments for one policy."""
-    return VecMonitor(outlast.make_sb3(DUEL, 64, seed=seed, observations="flat", scaled=True))
+    return VecMonitor(outlast.adapters.make_sb3(DUEL, 64, seed=seed, observations="flat", scaled=True))
 
 
 def returns(model: BaseAlgorithm) -> np.ndarray:

@@ -7,7 +7,8 @@ import numba
 import numpy as np
 import pytest
 
-from outlast import Level, levels
+from outlast import levels
+from outlast.levels import Level
 
 for library in ("torch", "tensorboard", "matplotlib"):
     pytest.importorskip(library, reason="python -m pip install 'outlast[train]'")

@@ -15,7 +15,7 @@ def test_levels_lead_to_the_behaviour_that_they_are_kept_for():
     assert 1 < len(elites) <= 16
     env = outlast.make_vec(GAME, len(elites), seed=99)
     env.set_levels([level for _, level in elites.values()])
-    found = outlast.rollout(env, outlast.scripted_policy(env), keep=True).arrays()
+    found = outlast.rollout(env, outlast.policies.scripted_policy(env), keep=True).arrays()
     env.close()
     assert list(map(tuple, cells_of(found))) == [*elites]
     assert found["length"].tolist() == [length for length, _ in elites.values()]

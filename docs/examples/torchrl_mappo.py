@@ -76,7 +76,7 @@ def train(scenario: str, frames: int, seed: int = 0, worlds: int = 64, ticks: in
     scenario: Its name, or a Scenario. ticks: Of each world, between two updates.
     """
     torch.manual_seed(seed)
-    plain = outlast.make_torchrl(scenario, worlds, seed=seed, scaled=True, max_episode_steps=600)
+    plain = outlast.adapters.make_torchrl(scenario, worlds, seed=seed, scaled=True, max_episode_steps=600)
     env = TransformedEnv(plain, RewardSum([("agents", "reward")], [("agents", "return")]))
     actor, critic = modules(env)
     loss = ppo(actor, critic)

@@ -54,8 +54,8 @@ def role(count: int | None = None, *, agents: Sequence[int] = (), without: Seque
         without: Actions and observations that its agents do not have, by their keys: ("attack", "boxes"). Whatever
             they choose, such an action is that of `noop`, and masked; such an observation, with its mask, is 0.
         **numbers: By name, "module_number": the value for these agents, or a distribution, such as
-            outlast.uniform(5, 20), from which each of them draws its own value when an episode begins. Numbers that a
-            role does not name are those of the scenario.
+            outlast.distributions.uniform(5, 20), from which each of them draws its own value when an episode begins.
+            Numbers that a role does not name are those of the scenario.
 
     Raises:
         NumberError: The count is below 1, the ids are not distinct integers from 0, or both are given; or `without`

@@ -35,8 +35,8 @@ TAKEN = {  # arguments of make_torchrl that a task does not take, and what to us
 class OutlastClass(TaskClass):  # type: ignore[misc]  # untyped
     """A scenario as a task of BenchMARL; vectorised, with a state, and with discrete actions and masks.
 
-    name: The name of the scenario. config: Arguments of `outlast.make_torchrl` and numbers of the scenario; by default,
-    sides are groups and observations are scaled. With actions="continuous" there are only continuous actions, and no
+    name: The name of the scenario. config: Arguments of `make_torchrl` and numbers of the scenario; by default, sides
+    are groups and observations are scaled. With actions="continuous" there are only continuous actions, and no
     masks. scenario: The scenario, if it cannot be found by its name.
 
     Raises:
@@ -142,7 +142,7 @@ def task(scenario: str | Scenario, **config: Any) -> OutlastClass:
 
     Args:
         scenario: A Scenario or the name of one: "teams_2+bounty", "mygame.py:arena".
-        config: Arguments of `outlast.make_torchrl`, except those in TAKEN, and numbers of the scenario.
+        config: Arguments of `outlast.adapters.make_torchrl`, except those in TAKEN, and numbers of the scenario.
 
     Raises:
         ScenarioError: There is no scenario of that name.

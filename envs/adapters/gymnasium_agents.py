@@ -13,7 +13,7 @@ from .per_agent import PerAgentVectorEnv, requested
 
 
 class SurvivalAgentVectorEnv(PerAgentVectorEnv):
-    """All agents of `num_worlds` worlds as a gymnasium VectorEnv; made by `outlast.make_agents`.
+    """All agents of `num_worlds` worlds as a gymnasium VectorEnv; made by `outlast.adapters.make_agents`.
 
     ## Description
     Sub-environment w * num_agents + i is agent i of world w; num_envs = num_worlds * num_agents.
@@ -74,7 +74,7 @@ def make_agents(
 ) -> SurvivalAgentVectorEnv:
     """Make a gymnasium VectorEnv whose sub-environments are all agents of `num_worlds` worlds.
 
-    >>> env = outlast.make_agents("teams_3", 1024, seed=0, melee_damage=20)  # 4096 sub-environments
+    >>> env = outlast.adapters.make_agents("teams_3", 1024, seed=0, melee_damage=20)  # 4096 sub-environments
 
     Args:
         scenario: A Scenario or the name of one: "ffa_3", "mygame.py:arena".

@@ -57,7 +57,7 @@ class SurvivalLearnerVectorEnv(PerAgentVectorEnv):
     * scenario, learner, others, dead, max_episode_steps, numbers: As in `SurvivalEnv`. max_episode_steps truncates
       as gymnasium's TimeLimit does.
     * render_mode: None, "rgb_array" or "ansi".
-    * actions, observations, scaled, action_masks: As in `outlast.make_agents`.
+    * actions, observations, scaled, action_masks: As in `outlast.adapters.make_agents`.
 
     ## Version History
     v1: the rules of the paper's runs.

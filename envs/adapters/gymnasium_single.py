@@ -63,7 +63,7 @@ class SurvivalEnv(Pictured, gymnasium.Env[Observation, Array]):
     * dead: "end" or "keep", see above.
     * max_episode_steps: Ticks until the episode is truncated, if that is before the scenario's limit.
     * render_mode: None, "rgb_array", "ansi" or "human".
-    * actions, observations, scaled: As in `outlast.make_agents`.
+    * actions, observations, scaled: As in `outlast.adapters.make_agents`.
     * action_masks: Whether info has "action_mask", int8 (entries,): what `action_masks` returns.
     * numbers: Numbers of the scenario to change, as for `Scenario.replace`.
 

@@ -42,7 +42,7 @@ METADATA = {"render_modes": list(RENDER_MODES), "render_fps": modes.FPS, "is_par
 
 
 class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyped, see pyproject.toml
-    """One world as a PettingZoo ParallelEnv; made by `outlast.parallel_env`. Its agents are agent_0, agent_1 ...
+    """One world as a PettingZoo ParallelEnv; made by `adapters.parallel_env`. Its agents are agent_0, agent_1 ...
 
     ## Description
     With dead="end", an agent's death ends its episode: it is reported once, with terminated True, and leaves `agents`,
@@ -315,7 +315,7 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
 
 
 class SurvivalTurns(parallel_to_aec_wrapper):  # type: ignore[misc]  # untyped, see pyproject.toml
-    """The agents of a SurvivalParallelEnv in turns; made by `outlast.aec_env`."""
+    """The agents of a SurvivalParallelEnv in turns; made by `outlast.adapters.aec_env`."""
 
     def step(self, action: Any) -> None:
         """Take the turn of `agent_selection`; None if it is done. A refused action leaves the turn with the agent."""
@@ -342,7 +342,7 @@ def parallel_env(
 ) -> SurvivalParallelEnv:
     """Make one world for PettingZoo's learners and wrappers.
 
-    >>> env = outlast.parallel_env("teams_3", dead="keep", max_episode_steps=1000, melee_damage=20)
+    >>> env = outlast.adapters.parallel_env("teams_3", dead="keep", max_episode_steps=1000, melee_damage=20)
 
     Args:
         scenario: A Scenario or the name of one: "ffa_3", "mygame.py:arena".

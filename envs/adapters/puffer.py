@@ -42,8 +42,8 @@ def make_puffer(
 ) -> "SurvivalPufferEnv":
     """Make all agents of `num_worlds` worlds for PufferLib, directly or through its vector.make.
 
-    >>> vecenv = outlast.make_puffer("ffa_3", 1024)
-    >>> vecenv = pufferlib.vector.make(outlast.make_puffer, ["ffa_3", 512], num_envs=2, backend="Multiprocessing")
+    >>> vecenv = outlast.adapters.make_puffer("ffa_3", 1024)
+    >>> vecenv = pufferlib.vector.make(adapters.make_puffer, ["ffa_3", 512], num_envs=2, backend="Multiprocessing")
 
     Args:
         scenario: A Scenario or the name of one: "ffa_3", "mygame.py:arena".

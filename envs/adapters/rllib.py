@@ -28,7 +28,7 @@ class SurvivalMultiAgentEnv(Pictured, MultiAgentEnv):  # type: ignore[misc]  # u
 
     >>> PPOConfig().environment(SurvivalMultiAgentEnv, env_config={"scenario": "ffa_3", "dead": "keep"})
 
-    Observations, actions, rewards, terminated and infos are those of `outlast.parallel_env`. In addition, "__all__" is
+    Observations, actions, rewards, terminated and infos are those of `adapters.parallel_env`. In addition, "__all__" is
     terminated when the world has ended by its rule, and truncated at the time limit, even if agents died in that tick.
     truncated has no other entries: if every agent were truncated by name, RLlib would treat the episode as terminated,
     and would not bootstrap values.
@@ -42,11 +42,11 @@ class SurvivalMultiAgentEnv(Pictured, MultiAgentEnv):  # type: ignore[misc]  # u
     episode by which RLlib checks an environment before a run does not use up a seed.
 
     Args:
-        config: The arguments of `outlast.parallel_env`: "scenario", "dead", "seed", "max_episode_steps", "actions",
+        config: The arguments of `adapters.parallel_env`: "scenario", "dead", "seed", "max_episode_steps", "actions",
             "observations", "scaled", "action_masks", numbers ...
 
     Raises:
-        ScenarioError, NumberError, ValueError: As for `outlast.parallel_env`.
+        ScenarioError, NumberError, ValueError: As for `outlast.adapters.parallel_env`.
 
     Attributes:
         base_env: The SurvivalVectorEnv of one world below.

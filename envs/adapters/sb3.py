@@ -43,7 +43,7 @@ def make_sb3(
 ) -> "SurvivalVecEnv":
     """Make all agents of `num_worlds` worlds for Stable-Baselines3.
 
-    >>> model = PPO("MultiInputPolicy", VecMonitor(outlast.make_sb3("ffa_1", 64, seed=0)))
+    >>> model = PPO("MultiInputPolicy", VecMonitor(outlast.adapters.make_sb3("ffa_1", 64, seed=0)))
 
     Args:
         scenario: A Scenario or the name of one: "ffa_3", "mygame.py:arena".

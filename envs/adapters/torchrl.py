@@ -56,7 +56,7 @@ def make_torchrl(
 ) -> SurvivalTorchEnv:
     """Make many worlds for TorchRL.
 
-    >>> env = outlast.make_torchrl("teams_3", num_worlds=64, groups="sides", scaled=True)
+    >>> env = outlast.adapters.make_torchrl("teams_3", num_worlds=64, groups="sides", scaled=True)
     >>> print(env.rollout(100))
 
     Args:
@@ -95,7 +95,7 @@ def make_torchrl(
 
 
 class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
-    """All worlds of a SurvivalVectorEnv; made by `outlast.make_torchrl`. Batch size: (worlds,).
+    """All worlds of a SurvivalVectorEnv; made by `outlast.adapters.make_torchrl`. Batch size: (worlds,).
 
     ==================== ========================================================================================
     (group, observation) float32 (worlds, n, ...): n agents of the group; with observations="dict" entries by key

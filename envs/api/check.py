@@ -64,9 +64,9 @@ def check(
 
     Args:
         scenario: A scenario or its name.
-        worlds: How many worlds to play.
-        steps: How many ticks.
-        seed: Seed of the worlds and of the agents.
+        worlds: Number of worlds.
+        steps: Ticks to play in each world.
+        seed: Seed of all random numbers: the same seed gives the same episodes.
         passed: Called after each check with its name and what was found ("" if nothing).
 
     Returns:

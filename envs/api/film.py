@@ -36,28 +36,6 @@ RECORDINGS = ".rec"  # the usual ending of recordings
 Count = Callable[[int], object]  # called with the number of frames so far
 
 
-<<<<<<< HEAD:envs/films.py
-@dataclass(frozen=True)
-class Looks:
-    """The look of a film.
-
-    Attributes:
-        size: Side of one world's picture, pixels.
-        mosaic: Rows and columns of worlds in a frame; None: nearly a square.
-        views: What to add or leave out, as in "+vision,-scores,+mylayers.py:Marsh": see envs.rendering.layers.select.
-        every: Draw every `every`-th tick.
-        fps: Frames per second.
-    """
-
-    size: int = 512
-    mosaic: tuple[int, int] | None = None
-    views: str = ""
-    every: int = 1
-    fps: int = FPS
-
-
-=======
->>>>>>> 9f902551 (Declare the options of rollout, film, play and check once):envs/api/film.py
 @checks_keywords
 def film(
     game: str | os.PathLike[str] | Scenario | Recording,
@@ -90,21 +68,27 @@ def film(
             outlast.Recording or its path, which is replayed and compared with its digests.
         out: NAME.webm, .apng, .mp4 or .gif, in which the end of an episode is held for a moment; without an ending a
             folder of numbered PNGs, in which it is not.
-        policy: A name ("scripted" by default), the path of a saved policy (FILE.zip or FILE.safetensors), or a
-            function from the observations to the actions of all worlds.
-        others: Who plays all sides but one: a policy, or several with weights, "scripted:0.5,FILE.zip:0.5" or {policy:
-            weight}. The side of `policy` changes from world to world and from episode to episode.
-        steps: Ticks after the first reset; by default 150, or all that were recorded.
-        worlds: How many worlds; for a recording, the numbers of those to show, as in tables of its events. By default,
-            as many as the mosaic has room for, or one; for a recording, at most the first 16.
-        seed: Keys worlds and policies; the same seed gives the same film. 0 by default.
-        size: Side of one world's picture, 64 to 4096 pixels. Frames are higher, as a title, a scoreboard and the last
-            deaths are shown as well.
-        mosaic: Rows and columns of worlds in a frame; None: nearly a square.
-        views: What else to show, and what not, such as "+vision,-scores,+mylayers.py:Marsh".
+        policy: Who plays: random, noop, scripted, camper, hunter, hoarder, healer, a saved policy (a model's name,
+            FILE.zip, FILE.safetensors or the folder of a run, whose newest checkpoint is taken), or FILE.py:FUNCTION of
+            your own (default scripted). In Python also a function from the observations to the actions of all worlds;
+            if it has a method `reset`, that is called with the worlds in which an episode begins, bool (worlds,),
+            before it acts there.
+        others: Opponents of the policy, which plays one side, another one in each episode, while they play all others:
+            a policy, or several with weights, as in scripted:0.5,FILE.zip:0.5, of which one is drawn for each episode
+            of each world (default: the policy plays all sides). Also as a dict: {policy: weight}.
+        steps: Steps to play in each world (default 150). Of a recording, by default all.
+        worlds: Number of worlds to play and draw (default: as many as the mosaic has room for, or 1). For a recording
+            also the numbers of those to show, by default at most the first 16.
+        seed: Seed of all random numbers: the same seed gives the same episodes (default 0).
+        size: Side of each world's picture in pixels, 64 to 4096. Frames are higher, as a title, a scoreboard and the
+            last deaths are shown as well.
+        mosaic: Rows and columns of worlds in a frame, such as 2x3 (default: nearly a square). In Python (2, 3).
+        views: Layers to add or to leave out, as in +vision,-ids,+FILE.py:LAYER: title, room, zone, vision, lines,
+            lidar, heals, items, others, boxes, walls, looks, melee, agents, ids, hits, health, inventory, steps,
+            legend, feed, end, scores (default: all but vision, lines, lidar, steps).
         layers: Layers of your own to show as well; see docs/mechanic.md.
-        every: Show every `every`-th tick, and the ends of episodes.
-        fps: Frames per second of a film; 30 is real time.
+        every: Draw only every Nth step, and the ends of episodes.
+        fps: Frames per second; for films only. 30 is real time.
         progress: Called after each frame with the number of frames so far.
         **numbers: Numbers of the scenario to change, as for `Scenario.replace`.
 

@@ -36,7 +36,7 @@ def _others(default: str | None, text: str, **more: Any) -> Any:
         f" (default: {default})" if default else " (default: the policy plays all sides)"
     )
     usual = (lambda: {default: 1.0}) if default else None
-    return option(usual, PLAY, text, metavar="NAMES", python="Also as a dict: {policy: weight}.", **more)
+    return option(usual, PLAY, text, metavar="NAMES", **{"python": "Also as a dict: {policy: weight}.", **more})
 
 
 def _seed(**more: Any) -> Any:
@@ -59,10 +59,14 @@ class RolloutOptions:
         "steps to play in each world, instead of whole episodes (default: none)",
         python="Episodes that end in them count, so that means lean towards short ones.",
         metavar="N",
-        least=0,
+        least=1,
     )
     policy: str = _policy("random", takes='Other = "random"')
-    others: Others | None = _others(None, OPPONENTS)
+    others: Others | None = _others(
+        None,
+        OPPONENTS,
+        python="Also as a dict: {policy: weight}. `outcomes` of the summary counts who wins against each.",
+    )
     seed: int = _seed(takes="int | None = None")
     csv: str | None = option(
         None,
@@ -88,7 +92,7 @@ class RolloutOptions:
     record_policy: bool = option(
         False,
         OUTPUT,
-        "record, beside the ticks, the action probabilities, values and attention of a saved policy, which pages of "
+        "record, with the ticks, the action probabilities, values and attention of a saved policy, which pages of "
         "`outlast replay --html` show",
     )
     threads: int = option(
@@ -123,7 +127,7 @@ class RolloutOptions:
 
 @dataclass(frozen=True)
 class Looks:
-    """How a film looks."""
+    """The look of a film."""
 
     size: int = option(
         512,

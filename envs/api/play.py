@@ -40,17 +40,19 @@ def play(
 
     Args:
         game: A scenario or its name: that of a variant ("ffa_2+steering"), FILE.py:NAME, package.module:NAME.
-        agent: Number of the agent that the person controls.
-        others: Who plays all other agents: a policy, or several with weights, "scripted:0.5,FILE.zip:0.5" or
-            {policy: weight}, one of which is drawn for each episode.
-        seed: The same seed gives the same episodes.
-        fps: Ticks per second, above 0, up to 1000; None: real time. An episode begins at half that speed.
-        port: The port; 0: any free one.
-        host: Address of the interface to listen at; "0.0.0.0": all of them, as needed in a container.
-        allow_hosts: Further places "NAME:PORT" at which browsers reach the page, through a tunnel, a container's port
-            or a proxy.
-        browser: Whether to open the page in a browser.
-        record: Record the game in this new file; see outlast.record.
+        agent: Number of the agent that you steer, from 0.
+        others: Who plays all other agents: a policy, or several with weights, as in scripted:0.5,FILE.zip:0.5, of which
+            one is drawn for each episode of each world (default: scripted). Also as a dict: {policy: weight}.
+        seed: Seed of all random numbers: the same seed gives the same episodes.
+        fps: Speed in ticks per second, at most 1000 (default: real time, which is 30 in the paper's variants). An
+            episode begins at half that speed.
+        port: Port on which the page is served (default: 0, any free port).
+        host: Address of the interface on which the page is served; 0.0.0.0: all of them, as needed in a container
+            (default: 127.0.0.1, this machine only).
+        allow_hosts: Let in browsers that reach the page at this name and port, through a tunnel, a container's port or
+            a proxy; the address with the first one is printed. One or several.
+        browser: Whether to open the page, whose address is printed, in a browser.
+        record: Record every tick in a new file, for `outlast replay FILE`.
         **numbers: Numbers of the scenario to change, as for `Scenario.replace`.
 
     Raises:

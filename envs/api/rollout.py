@@ -82,26 +82,32 @@ def rollout(
         game: A scenario or its name: that of a variant ("ffa_2+steering"), FILE.py:NAME, package.module:NAME. Or an
             environment from make_vec: all of its worlds are reset, and it stays open. As it determines them, `worlds`,
             `seed`, `threads`, `specialize`, `interpret` and numbers are then refused.
-        policy: A name, such as "random" or "scripted", the path of a saved policy (FILE.zip or FILE.safetensors),
-            or a function from the observations to the actions of all worlds. If the function has a method `reset`, that
-            is called with the worlds in which an episode begins, bool (worlds,), before the function acts there.
-        steps: Instead, take this many steps of every world and count the episodes that end in them. The means then lean
-            towards short episodes, as long ones are more likely to be cut off.
+        policy: Who plays: random, noop, scripted, camper, hunter, hoarder, healer, a saved policy (a model's name,
+            FILE.zip, FILE.safetensors or the folder of a run, whose newest checkpoint is taken), or FILE.py:FUNCTION of
+            your own. In Python also a function from the observations to the actions of all worlds; if it has a method
+            `reset`, that is called with the worlds in which an episode begins, bool (worlds,), before it acts there.
+        steps: Steps to play in each world, instead of whole episodes (default: none). Episodes that end in them count,
+            so that means lean towards short ones.
         progress: Called after every step with the summary so far, the object that is returned in the end.
-        worlds: How many worlds; 1024 by default.
-        episodes: How many episodes of each world; 1 by default.
-        seed: Keys worlds and policies; the same seed gives the same episodes. 0 by default.
-        threads: Number of threads among which the worlds are divided; 1 by default.
-        others: Who plays all sides but one: a policy, or several with weights, "scripted:0.5,FILE.zip:0.5" or {policy:
-            weight}, one of which is drawn for each world and episode. The side of `policy` changes from world to world
-            and episode to episode. `outcomes` of the summary counts wins, draws and losses against each of the others.
-        record: Record everything in this new file; see outlast.record.
-        record_policy: Also record what a saved policy thinks, for outlast.replay_page.
-        events: Write what happens to this new file, NAME.csv or NAME.parquet.
-        csv: Write a row for each episode, with all statistics, to this new file, NAME.csv.
-        keep: Keep the statistics of each episode, for `arrays` of the summary.
-        specialize: Whether to compile for this scenario alone; see make_vec.
-        interpret: Labels of systems ("melee.aim") to run as Python, for breakpoints and print; slow.
+        worlds: Number of worlds (default 1024).
+        episodes: Whole episodes to play in each world (default: 1).
+        seed: Seed of all random numbers: the same seed gives the same episodes (default 0).
+        threads: Threads that share the worlds, with the same results (default 1).
+        others: Opponents of the policy, which plays one side, another one in each episode, while they play all others:
+            a policy, or several with weights, as in scripted:0.5,FILE.zip:0.5, of which one is drawn for each episode
+            of each world (default: the policy plays all sides). Also as a dict: {policy: weight}. `outcomes` of the
+            summary counts who wins against each.
+        record: Record every tick in a new file, for `outlast replay FILE`.
+        record_policy: Whether to record, with the ticks, the action probabilities, values and attention of a saved
+            policy, which pages of `outlast replay --html` show.
+        events: Write a table of events (who hit, killed, used, gave or broke what) to a new file, NAME.csv or
+            NAME.parquet.
+        csv: Write a table with a row for each episode and all its statistics to a new file, NAME.csv.
+        keep: Whether to keep the statistics of each episode, for `arrays` of the summary.
+        specialize: Whether to compile for this game alone: steps are faster, but compiling takes some ten seconds the
+            first time.
+        interpret: Run this system, such as melee.aim, as Python, so that breakpoints and print work in it. In Python a
+            list of them.
         watch: Called after the reset and after every step with the worlds that still count, bool (worlds,).
         **numbers: Numbers of the scenario to change, as for `Scenario.replace`.
 

@@ -6,7 +6,7 @@ import functools
 import logging
 import os
 import signal
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Any, TextIO
@@ -185,12 +185,21 @@ def add_number(command: Any, option: str, default: Any, text: str, least: int = 
     command.add_argument(option, type=kind, default=number, metavar="N", help=f"{text} (default: {default})", **more)
 
 
-def add_options(command: Parser, kind: Any, **more: Mapping[str, Any]) -> None:
+def add_options(
+    command: Parser, kind: Any, only: Collection[str] = (), before: str = "", **more: Mapping[str, Any]
+) -> None:
     """Add the flags of the options that a dataclass declares; `given_options` reads them.
 
-    more: By option, arguments of add_argument that do not follow from what is declared.
+    Args:
+        command: The parser of a command.
+        kind: The dataclass.
+        only: Names of the options to add; () adds all.
+        before: What the help of each one begins with.
+        **more: By option, arguments of add_argument that do not follow from what is declared.
     """
     for name, own in options_of(kind).items():
+        if only and name not in only:
+            continue
         usual, how = default_of(kind, name), dict[str, Any]()
         if own.many:
             usual, how = [], {"action": "append"}
@@ -201,7 +210,7 @@ def add_options(command: Parser, kind: Any, **more: Mapping[str, Any]) -> None:
             how = {"type": functools.partial(count, least=own.least, most=most)}
         how |= {"choices": own.choices} if own.choices else {}
         how |= {"metavar": own.metavar} if own.metavar else {}
-        how |= {"default": usual, "help": help_of(kind, name), **PARSED.get(name, {}), **more.get(name, {})}
+        how |= {"default": usual, "help": before + help_of(kind, name), **PARSED.get(name, {}), **more.get(name, {})}
         if own.group:
             command.group(own.group).add_argument(flag_of(name, own), **how)
 

@@ -20,13 +20,8 @@ DEFAULTS: dict[str, Any] = dataclasses.asdict(Looks())
 
 
 def add(command: Parser, required: bool) -> None:
-<<<<<<< HEAD
     """Add --out and, for it, --size, --mosaic, --views, --every and --fps; `looks` reads them."""
-    command = command.group("pictures")
-=======
-    """--out and, for it, --size, --mosaic, --views, --every and --fps; `looks` reads them."""
     pictures = command.group(PICTURES)
->>>>>>> 9f902551 (Declare the options of rollout, film, play and check once)
     text = "what to write: a film, NAME.mp4, NAME.webm, NAME.gif or NAME.apng; or, by any name without an ending, a "
     text += "folder of numbered PNG pictures"
     pictures.add_argument("--out", type=output(check_film), required=required, metavar="PATH", help=text)

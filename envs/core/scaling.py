@@ -67,7 +67,7 @@ def joined(scales: list[Scale]) -> Scale:
 def scaled(observations: Mapping[str, Array], fields: Fields) -> dict[str, Array]:
     """Divide observations by the scales of their fields; angles (rad) are wrapped to -pi to pi first.
 
-    >>> seen = outlast.scaled(observations, env.fields)
+    >>> seen = outlast.adapters.scaled(observations, env.fields)
 
     Environments made with scaled=True do that by themselves, and also clip columns without bounds.
 

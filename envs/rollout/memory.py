@@ -67,7 +67,7 @@ def told(policy: Policy, env: SurvivalVectorEnv) -> Policy:
         UsageError: The policy is not a function, but a name, for example.
     """
     if not callable(policy):
-        raise UsageError(f"policy = {policy!r}: a function is needed, such as outlast.scripted_policy(env)")
+        raise UsageError(f"policy = {policy!r}: a function is needed, such as outlast.policies.scripted_policy(env)")
     if not has_memory(policy):
         return policy
     begins = Begins(env)

@@ -36,7 +36,7 @@ EXAMPLE = "(x, y, width, height) or (x, y, width, height, angle), in metres and 
 class FloorPlan:
     """Walls inside a room, and the areas in which agents and items start.
 
-    >>> plan = outlast.FloorPlan(walls=[(0, 0, 6, 0.4)], starts=[(0, -8, 0, 4, 8), (1, 8, 0, 4, 8)])
+    >>> plan = outlast.levels.FloorPlan(walls=[(0, 0, 6, 0.4)], starts=[(0, -8, 0, 4, 8), (1, 8, 0, 4, 8)])
     >>> scenario = outlast.variant("ffa_3").with_(plan.mechanic())
 
     Attributes:
@@ -79,7 +79,7 @@ class FloorPlan:
     def from_text(cls, text: str, cell: float = 1.0, kinds: Mapping[str, str] | None = None) -> "FloorPlan":
         """Read a plan drawn in characters: `#` is a wall, `.` and blanks are floor, a letter is where a side starts.
 
-        >>> outlast.FloorPlan.from_text('''
+        >>> outlast.levels.FloorPlan.from_text('''
         ... A....#....B
         ... A.........B
         ... A....#....B
@@ -197,7 +197,7 @@ class FloorPlan:
     def layout(self, length: int = 0) -> tuple[float, ...]:
         """Return the plan as a value of the number walls_layout. Each episode can choose among values of one length.
 
-        >>> scenario.vary(walls_layout=outlast.choice(one.layout(20), two.layout(20)))
+        >>> scenario.vary(walls_layout=outlast.distributions.choice(one.layout(20), two.layout(20)))
 
         Args:
             length: Number of rectangles, walls and start areas together; shorter plans are padded. 0: as many as the

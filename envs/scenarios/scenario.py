@@ -185,14 +185,15 @@ class Scenario:
     def vary(self, /, **numbers: Distribution) -> "Scenario":
         """Return the scenario with numbers that each world draws anew at the beginning of each episode.
 
-        >>> scenario.vary(melee_damage=outlast.integers(5, 20), n_agents=outlast.integers(2, 8))
+        >>> scenario.vary(melee_damage=distributions.integers(5, 20), n_agents=distributions.integers(2, 8))
 
         Draws are functions of seed, world, episode and the number's name. Tables have room for the highest counts;
         agents beyond a world's count are absent from it: not alive, neither observed nor rewarded. Numbers that scale
         with a varied number stay as they are.
 
         Args:
-            **numbers: Distributions by name, as for `replace`: outlast.uniform, log_uniform, integers, choice or free.
+            **numbers: Distributions by name, as for `replace`: uniform, log_uniform, integers, choice or free of
+                outlast.distributions.
 
         Raises:
             NumberError: A number is unknown, or cannot have the values of its distribution.
@@ -201,8 +202,8 @@ class Scenario:
         for name, distribution in by_full_name(self.find_number, [*numbers.items()]).items():
             if not isinstance(distribution, Distribution):
                 raise NumberError(
-                    f"{name} = {distribution!r}: a distribution is needed, as in outlast.uniform(1, 2); replace() sets "
-                    "one value for all worlds"
+                    f"{name} = {distribution!r}: a distribution is needed, as in outlast.distributions.uniform(1, 2); "
+                    "replace() sets one value for all worlds"
                 )
             varied[name] = distribution
         place(list(self.modules), varied)  # raises an error if a single number is wrong

@@ -16,13 +16,13 @@ import pytest
 
 import outlast
 import tests.adapters.test_puffer  # noqa: F401  # it imports PufferLib where that leaves no link behind
-from outlast import ScenarioError
 from outlast.components import Body
 from outlast.ecs import NumberError
 from outlast.envs.adapters.gymnasium_single import SurvivalEnv
 from outlast.envs.core.agents import alive
 from outlast.envs.errors import ActionError, ClosedError, NotResetError
 from outlast.envs.rendering.rgb import draw, text
+from outlast.errors import ScenarioError
 from tests.conftest import COMPILED, digest, scaled
 from tests.helpers.covering import covering
 from tests.helpers.execution_modes import EACH_LEVEL, LEVELS, short
@@ -47,8 +47,9 @@ def make(name: str, scenario: Any = "ffa_1", worlds: int = 3, **options: Any) ->
     if name == "gymnasium.make_vec":
         return gymnasium.make_vec("outlast/FreeForAll-v1", num_envs=worlds, scenario=scenario, **options)
     if name == "SurvivalMultiAgentEnv":
-        return outlast.SurvivalMultiAgentEnv({"scenario": scenario, **options})
-    env = getattr(outlast, name)(scenario, *([] if name in LONE else [worlds]), **options)
+        return outlast.adapters.SurvivalMultiAgentEnv({"scenario": scenario, **options})
+    place = outlast if name == "make_vec" else outlast.adapters
+    env = getattr(place, name)(scenario, *([] if name in LONE else [worlds]), **options)
     return env.unwrapped if name == "aec_env" else env
 
 
@@ -131,7 +132,7 @@ def test_copies_go_on_and_pickles_begin_anew(name: str) -> None:
 @pytest.mark.filterwarnings("ignore::UserWarning")  # of PettingZoo, which calls some of its attributes deprecated
 def test_an_environment_has_what_its_librarys_classes_declare(name: str) -> None:
     """Annotations without a value, properties and methods, whoever reads them."""
-    env = outlast.aec_env("ffa_1") if name == "aec_env" and find_spec("pettingzoo") else make(name)
+    env = outlast.adapters.aec_env("ffa_1") if name == "aec_env" and find_spec("pettingzoo") else make(name)
     env.reset()
     theirs = [kind for kind in type(env).__mro__ if kind is not object and not kind.__module__.startswith("outlast.")]
     assert theirs
@@ -155,8 +156,8 @@ def test_spaces_by_agent_are_those_of_each_agent(name: str) -> None:
 
 GAMES: dict[str, tuple[outlast.Scenario, set[str]]] = {
     "nothing varies": (outlast.variant("ffa_2"), {"alive"}),
-    "a number varies": (outlast.variant("ffa_2").vary(melee_damage=outlast.integers(5, 20)), {"alive"}),
-    "counts vary": (outlast.variant("ffa_2").vary(n_agents=outlast.integers(1, 2)), {"alive", "present"}),
+    "a number varies": (outlast.variant("ffa_2").vary(melee_damage=outlast.distributions.integers(5, 20)), {"alive"}),
+    "counts vary": (outlast.variant("ffa_2").vary(n_agents=outlast.distributions.integers(1, 2)), {"alive", "present"}),
 }
 
 

@@ -28,7 +28,7 @@ STEPS = 65  # enough for every world of short() to end
 
 
 def make(name: str = "teams_3", worlds: int = WORLDS, **options: Any) -> SurvivalAgentVectorEnv:
-    return outlast.make_agents(short(name), worlds, **options)
+    return outlast.adapters.make_agents(short(name), worlds, **options)
 
 
 def drawn(env: Any, tick: int) -> np.ndarray[Any, Any]:
@@ -332,7 +332,7 @@ def wrappers_of(module: Any) -> dict[str, Any]:
 
 
 VECTORS: dict[str, Any] = {
-    "make_agents": partial(outlast.make_agents, "ffa_1", 2),
+    "make_agents": partial(outlast.adapters.make_agents, "ffa_1", 2),
     "gymnasium.make_vec": partial(gymnasium.make_vec, "outlast/FreeForAll1-v1", num_envs=2),
 }
 

@@ -117,7 +117,7 @@ def test_evaluation_plays_other_worlds_than_training(example: SimpleNamespace, s
     for _ in range(stray):
         own.get_env_fun(4, continuous_actions=False, seed=7, device="cpu")().close()
     run = example.experiment(own, "mappo", BATCH, tmp_path, seed=7, **SMALL | {"evaluation_episodes": 4})
-    plain = outlast.make_torchrl("teams_2", 4, groups="sides", scaled=True, seed=7)
+    plain = outlast.adapters.make_torchrl("teams_2", 4, groups="sides", scaled=True, seed=7)
     first, training = plain.reset()["state"], run.env_func()
     assert torch.equal(training.reset()["state"], first)
     evaluated = run.test_env.reset()["state"]
@@ -163,7 +163,10 @@ def test_the_benchmark_s_agent_plays_as_it_was_trained(tmp_path: Path, monkeypat
         key: layer * 1e5 if key.startswith("4.") else layer for key, layer in layers.items()
     }  # draws the likeliest
     np.savez("mappo-teams_2-0.npz", **sharp)
-    own, env = outlast.make_torchrl("teams_2", 16, seed=3, scaled=True), outlast.make_vec("teams_2", 16, seed=3)
+    own, env = (
+        outlast.adapters.make_torchrl("teams_2", 16, seed=3, scaled=True),
+        outlast.make_vec("teams_2", 16, seed=3),
+    )
     policy, act = trained[0].algorithm.get_policy_for_loss("agents"), agents["mappo"](env, 0)
     table, (observations, _) = own.reset(), env.reset()
     for _ in range(20):

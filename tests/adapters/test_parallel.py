@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast import VARIANTS, ScenarioError, make_vec, variant
+from outlast import VARIANTS, make_vec, variant
 from outlast.components import Bag, Body, Box, Health, SelfView, Shape, Wall
 from outlast.ecs import Clock, Entity, NumberError, Worlds
 from outlast.envs.core.agents import counts_vary, present
 from outlast.envs.core.global_state import GlobalState
 from outlast.envs.errors import ActionError, NotResetError, StateError
+from outlast.errors import ScenarioError
 from outlast.systems import GiveLast, Heals, Inventory, Pickup, Respawn, SafeZone
 from tests.conftest import digest, few_by_day, scaled
 from tests.helpers.execution_modes import ALL, COUNTS, EACH_LEVEL, HUNT, LEVELS, MAZE, ROLES, SHORT
@@ -46,8 +47,8 @@ Env = parallel.SurvivalParallelEnv
 def short(name: str = "teams_3", **options: Any) -> Env:
     """Four agents, in teams or not, or up to four, and an early end."""
     if name in LEVELS:
-        return outlast.parallel_env(scenario(name), **options)
-    return outlast.parallel_env(name, **{"n_agents": 4, **SHORT, **options})
+        return outlast.adapters.parallel_env(scenario(name), **options)
+    return outlast.adapters.parallel_env(name, **{"n_agents": 4, **SHORT, **options})
 
 
 def act(env: Env, tick: int) -> dict[str, Any]:
@@ -76,7 +77,7 @@ def same(one: Any, other: Any) -> bool:
 @pytest.mark.parametrize("agents", [1, 12])
 def test_other_numbers_of_agents(agents: int) -> None:
     """Agent 10 comes after agent 9, though its name sorts before."""
-    env = outlast.parallel_env("ffa_1", **{**SHORT, "n_agents": agents})
+    env = outlast.adapters.parallel_env("ffa_1", **{**SHORT, "n_agents": agents})
     assert env.possible_agents == [f"agent_{i}" for i in range(agents)]
     parallel_api_test(env, CYCLES)
     observations, _ = env.reset()
@@ -90,7 +91,7 @@ def test_max_cycles() -> None:
 
 def test_a_step_without_agents_and_actions_is_empty() -> None:
     """As in PettingZoo's own environments: SuperSuit's black_death goes on stepping when the last agent is gone."""
-    env = outlast.parallel_env("ffa_2", max_episode_steps=2)
+    env = outlast.adapters.parallel_env("ffa_2", max_episode_steps=2)
     with pytest.raises(NotResetError, match="the episode is over or has not begun"):
         env.step({})
     env.reset(seed=0)
@@ -106,7 +107,7 @@ def test_max_cycles_of_levels(name: str) -> None:
     """Nobody dies before; of the agents' numbers of steps it takes the median, so most have to be there."""
     level = scenario(name).replace(agents_health=1000)
     if name in (COUNTS, ALL):
-        level = level.vary(n_agents=outlast.integers(3, 4))
+        level = level.vary(n_agents=outlast.distributions.integers(3, 4))
     makers = {kind: partial(getattr(parallel, kind), level) for kind in ("env", "parallel_env")}
     max_cycles_test(SimpleNamespace(__name__=name, **makers))
 
@@ -115,20 +116,20 @@ def test_max_cycles_of_levels(name: str) -> None:
 @pytest.mark.filterwarnings("ignore:Environment's (minimum|maximum) state space value is -?infinity")
 def test_state(name: str) -> None:
     """It takes infinite bounds for probably wrong ones; velocities, angles and health have no others."""
-    state_test(outlast.aec_env(name, **SHORT), outlast.parallel_env(name, **SHORT), CYCLES)
+    state_test(outlast.adapters.aec_env(name, **SHORT), outlast.adapters.parallel_env(name, **SHORT), CYCLES)
 
 
 @pytest.mark.parametrize("name", ["ffa_3", "teams_3", *EACH_LEVEL])
 def test_render(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("pygame", reason="render_mode='human' needs pygame, which is not installed")
     monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    render_test(lambda **options: outlast.aec_env(scenario(name), **options))
+    render_test(lambda **options: outlast.adapters.aec_env(scenario(name), **options))
 
 
 def test_a_window_needs_pygame(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pygame", None)
     with pytest.raises(ImportError, match=r"pip install 'outlast\[window\]'"):
-        outlast.parallel_env(render_mode="human")
+        outlast.adapters.parallel_env(render_mode="human")
 
 
 @pytest.mark.skipif(not hasattr(pettingzoo, "parallel_registry"), reason="a PettingZoo without a registry")
@@ -181,7 +182,7 @@ def test_it_is_a_world_of_a_batch(name: str, dead: str) -> None:
 def test_statistics_where_all_leave_a_world_that_goes_on() -> None:
     """They are of the last death, and of no episode before."""
     numbers = {"ending_rule": "never", "safe_zone_radii": (1.0,), "safe_zone_stand": 1000, "agents_health": 2}
-    env = outlast.parallel_env("ffa_2", dead="end", seed=1, ending_limit=60, **numbers)
+    env = outlast.adapters.parallel_env("ffa_2", dead="end", seed=1, ending_limit=60, **numbers)
     batch = make_vec("ffa_2", 1, seed=1, ending_limit=60, **numbers)
     batch.reset()
     for _ in range(2):
@@ -270,7 +271,7 @@ def test_kept_agents_stay_until_the_world_ends() -> None:
 
 def limited(dead: str, seed: int) -> Any:
     """The step at the limit, in which those outside of the zone die; the world may end by its rule in that step."""
-    env = outlast.parallel_env("teams_3", dead=dead, max_cycles=12, agents_health=11, safe_zone_radii=(8.0,))
+    env = outlast.adapters.parallel_env("teams_3", dead=dead, max_cycles=12, agents_health=11, safe_zone_radii=(8.0,))
     env.reset(seed=seed)
     *_, (_, last) = play(env)
     assert env.agents == []
@@ -317,7 +318,7 @@ def test_the_dead_and_the_missing_idle(dead: str) -> None:
 def test_an_agent_acts_in_the_step_in_which_it_comes_back() -> None:
     game = outlast.variant("ffa_1").with_(Respawn(ticks=5)).replace(ending_rule="never", safe_zone_radii=(0.5,))
     game, seen = game.replace(ending_limit=scaled(200, least=60), agents_health=3), 0
-    env, batch = outlast.parallel_env(game, dead="keep"), outlast.make_vec(game, 1)
+    env, batch = outlast.adapters.parallel_env(game, dead="keep"), outlast.make_vec(game, 1)
     env.reset(seed=0)
     batch.reset(seed=0)
     rng = np.random.default_rng(0)
@@ -432,7 +433,7 @@ def test_calls_out_of_order() -> None:
     ],
 )
 def test_what_cannot_be_made(options: dict[str, Any], error: type[Exception], message: str) -> None:
-    for make in (outlast.parallel_env, outlast.aec_env):
+    for make in (outlast.adapters.parallel_env, outlast.adapters.aec_env):
         with pytest.raises(error, match=message):
             make(**options)
 
@@ -440,7 +441,7 @@ def test_what_cannot_be_made(options: dict[str, Any], error: type[Exception], me
 @pytest.mark.parametrize("wrong", [[5, 1, 1, 0, 0, 0], [0.5] * 6, [1, 1], None])
 def test_a_refused_action_leaves_the_turn_with_its_agent(wrong: Any) -> None:
     """Not with the last agent of the tick, whose turn could then never be taken."""
-    env = outlast.aec_env("ffa_3", seed=0, n_agents=3)
+    env = outlast.adapters.aec_env("ffa_3", seed=0, n_agents=3)
     env.reset()
     for turn, agent in enumerate(env.possible_agents):
         with pytest.raises(ActionError, match=f"of {agent}"):
@@ -466,7 +467,7 @@ def blocks(state: Any, features: int, heals: int, boxes: int) -> list[Any]:
 
 @pytest.mark.parametrize(("name", "features"), [("ffa_3", 8), ("teams_3", 9)])
 def test_the_state_is_what_an_omniscient_observer_sees(name: str, features: int) -> None:
-    env = outlast.parallel_env(name, **BUSY)
+    env = outlast.adapters.parallel_env(name, **BUSY)
     seen = env.reset(seed=1)[0]["agent_0"]
     carried = broken = 0
     worlds = env.base_env.worlds

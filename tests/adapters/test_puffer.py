@@ -34,7 +34,7 @@ ARRAYS = ("observations", "rewards", "terminals", "truncations", "masks")
 
 
 def make(name: str = "teams_3", worlds: int = WORLDS, **options: Any) -> Any:
-    return outlast.make_puffer(short(name), worlds, **options)
+    return outlast.adapters.make_puffer(short(name), worlds, **options)
 
 
 def drawn(env: Any, tick: int) -> np.ndarray[Any, Any]:
@@ -56,7 +56,7 @@ def alike(one: list[Any], other: list[Any]) -> bool:
 def test_a_world_is_what_puffers_emulation_makes_of_pettingzoo(name: str) -> None:
     """Bit by bit, through ends of both kinds, after which the native world is already in its next episode."""
     env = make(name, 1)
-    reference = pufferlib.emulation.PettingZooPufferEnv(env=outlast.parallel_env(short(name), dead="keep"))
+    reference = pufferlib.emulation.PettingZooPufferEnv(env=outlast.adapters.parallel_env(short(name), dead="keep"))
     assert env.single_action_space == reference.single_action_space
     assert env.single_observation_space.shape == reference.single_observation_space.shape
     assert env.num_agents == reference.num_agents
@@ -81,11 +81,11 @@ def test_a_world_is_what_puffers_emulation_makes_of_pettingzoo(name: str) -> Non
 def test_it_is_the_batched_environment(name: str) -> None:
     """Beside SAME_STEP with the same seed: rows, ends, agents alive, and the statistics of episodes."""
     game = short(name).replace(ending_limit=LIMIT)
-    env = outlast.make_puffer(game, WORLDS, seed=SEED)
+    env = outlast.adapters.make_puffer(game, WORLDS, seed=SEED)
     batch = outlast.make_vec(game, WORLDS, seed=SEED, autoreset_mode="SameStep")
     assert env.reset()[1] == []
     expected, _ = batch.reset()
-    space = outlast.make_agents(short(name), 1).single_observation_space
+    space = outlast.adapters.make_agents(short(name), 1).single_observation_space
     episodes = dead = cut = 0
     for tick in range(STEPS):
         for i in (0, env.num_agents - 1):
@@ -143,8 +143,8 @@ def test_puffers_backends(backend: str) -> None:
     worlds = scaled(3)
     options = {"num_workers": 2, "overwork": True} if backend == "Multiprocessing" else {}
     game = short("ffa_3").replace(ending_limit=LIMIT)
-    vector = pufferlib.vector.make(outlast.make_puffer, [game, worlds], num_envs=2, backend=backend, **options)
-    alone = [outlast.make_puffer(game, worlds, seed=SEED + i) for i in range(2)]
+    vector = pufferlib.vector.make(outlast.adapters.make_puffer, [game, worlds], num_envs=2, backend=backend, **options)
+    alone = [outlast.adapters.make_puffer(game, worlds, seed=SEED + i) for i in range(2)]
     observations, _ = vector.reset(seed=SEED)
     expected = [np.concatenate([each.reset()[0] for each in alone])]
     episodes = cut = 0

@@ -24,7 +24,7 @@ from tests.helpers.goal import TICK, won_at_the_limit
 vec = pytest.importorskip("stable_baselines3.common.vec_env", reason="needs stable_baselines3: outlast[sb3]")
 pytest.importorskip("torch", reason="needs torch: outlast[sb3]")
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
-make_sb3 = outlast.make_sb3  # importing it above would fail before the line above can skip
+make_sb3 = outlast.adapters.make_sb3  # importing it above would fail before the line above can skip
 
 WORLDS, AGENTS = 5, 4  # of SHORT
 SHORT = short("teams_3").replace(ending_limit=22)  # ends both ways, early

@@ -70,16 +70,16 @@ def test_pettingzoo(name: str, dead: str, form: dict[str, Any]) -> None:
     from pettingzoo.test import api_test, parallel_api_test, parallel_seed_test
 
     def make() -> Any:
-        return outlast.parallel_env(short(name), dead=dead, **form)
+        return outlast.adapters.parallel_env(short(name), dead=dead, **form)
 
     if form["actions"] == "multi" and form["observations"] == "dict":
         for masks in (True, "observation"):
-            masked = outlast.aec_env(short(name), dead=dead, action_masks=masks, **form)
+            masked = outlast.adapters.aec_env(short(name), dead=dead, action_masks=masks, **form)
             api_test(masked, CYCLES)  # it samples with the masks, in infos or observations
             masked.close()
     parallel_api_test(make(), CYCLES)
     parallel_seed_test(make, CYCLES)
-    api_test(outlast.aec_env(short(name), dead=dead, **form), CYCLES)
+    api_test(outlast.adapters.aec_env(short(name), dead=dead, **form), CYCLES)
 
 
 @forms_of_games
@@ -87,7 +87,7 @@ def test_supersuit(name: str, form: dict[str, Any]) -> None:
     """Its vectors, which refuse agents that leave."""
     pytest.importorskip("pettingzoo", reason="needs pettingzoo: outlast[pettingzoo]")
     supersuit = pytest.importorskip("supersuit", reason="needs SuperSuit: outlast[test-all]")
-    agents = supersuit.pettingzoo_env_to_vec_env_v1(outlast.parallel_env(short(name), dead="keep", **form))
+    agents = supersuit.pettingzoo_env_to_vec_env_v1(outlast.adapters.parallel_env(short(name), dead="keep", **form))
     env = supersuit.concat_vec_envs_v1(agents, 2, num_cpus=0, base_class="gymnasium")
     seen = env.reset(seed=SEED)[0]
     spaces = env.observation_space, env.action_space
@@ -113,7 +113,7 @@ def test_stable_baselines_train(name: str, form: dict[str, Any], one_torch_threa
     pytest.importorskip("stable_baselines3", reason="needs Stable-Baselines3: outlast[sb3]")
     from stable_baselines3 import PPO
 
-    env = outlast.make_sb3(short(name), 2, seed=SEED, **form)
+    env = outlast.adapters.make_sb3(short(name), 2, seed=SEED, **form)
     policy = "MlpPolicy" if form["observations"] == "flat" else "MultiInputPolicy"
     model = PPO(policy, env, n_steps=8, batch_size=32, n_epochs=1, seed=SEED)
     model.learn(2 * env.num_envs * 8)
@@ -160,16 +160,16 @@ def test_actions_that_gymnasium_rescales_are_in_range(ends: tuple[float, float])
 def test_masks_are_those_of_the_worlds(name: str, actions: str) -> None:
     """In every adapter that has one world, or several, of the same seed."""
     plain = outlast.make_vec(short(name), 1, seed=SEED, actions=actions)
-    agents = outlast.make_agents(short(name), 1, seed=SEED, actions=actions)
+    agents = outlast.adapters.make_agents(short(name), 1, seed=SEED, actions=actions)
     batches: dict[str, Any] = {"agents": agents}
     with contextlib.suppress(ModuleNotFoundError):
-        batches["sb3"] = outlast.make_sb3(short(name), 1, seed=SEED, actions=actions)
+        batches["sb3"] = outlast.adapters.make_sb3(short(name), 1, seed=SEED, actions=actions)
     with contextlib.suppress(ModuleNotFoundError):
         puffer = importlib.import_module("outlast.envs.adapters.puffer")
         batches["puffer"] = puffer.make_puffer(short(name), 1, seed=SEED, actions=actions)
     parallel = None
     with contextlib.suppress(ModuleNotFoundError):
-        parallel = outlast.parallel_env(short(name), dead="keep", actions=actions)
+        parallel = outlast.adapters.parallel_env(short(name), dead="keep", actions=actions)
         parallel.reset(seed=SEED)
     plain.reset()
     for each in batches.values():

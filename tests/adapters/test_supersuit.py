@@ -23,7 +23,7 @@ STEPS = 65  # enough for every world of short() to end
 
 def world(name: str, **options: Any) -> Any:
     """With all agents there until the end: SuperSuit's vectors refuse agents that leave."""
-    return outlast.parallel_env(short(name), dead="keep", **options)
+    return outlast.adapters.parallel_env(short(name), dead="keep", **options)
 
 
 def stacked(dicts: list[dict[str, Any]], key: str | None = None) -> list[Any]:

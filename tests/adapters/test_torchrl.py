@@ -34,7 +34,7 @@ OWN = {"one": ["agent_2", "agent_0"], "two": ["agent_3", "agent_1"]}  # in an or
 
 def make(name: str = "teams_3", worlds: int = WORLDS, **options: Any) -> Any:
     counts = {} if name in LEVELS else {"n_agents": 4}
-    return outlast.make_torchrl(short(name), worlds, **(QUICK | counts | options))
+    return outlast.adapters.make_torchrl(short(name), worlds, **(QUICK | counts | options))
 
 
 FORMS = (["joint", "multi", "continuous"], ["flat", "dict"], [False, True], ["all", "sides", OWN])
@@ -127,7 +127,10 @@ def flat_worlds(seed: int) -> Any:
 @pytest.mark.parametrize("how", ["set_seed", "reset"])
 def test_a_seed_in_mid_run_leaves_worlds_that_go_on_alone(how: str) -> None:
     """Those of the mask begin with it, the others go on bit for bit, and begin with it at their own next reset."""
-    env, old, new = outlast.make_torchrl("teams_3", WORLDS, seed=1, max_episode_steps=50), *map(flat_worlds, (1, 2))
+    env, old, new = (
+        outlast.adapters.make_torchrl("teams_3", WORLDS, seed=1, max_episode_steps=50),
+        *map(flat_worlds, (1, 2)),
+    )
     old.reset()
     torch.manual_seed(SEED)
     seen, td = played(old, env, env.reset())
@@ -169,8 +172,8 @@ def test_worlds_that_are_not_reset_say_how_they_ended() -> None:
 
 def test_worlds_that_a_step_leaves_out_stay() -> None:
     """As in rollouts until all have ended: each world is as in a rollout of its own, and then stays."""
-    limits = outlast.variant("teams_2").vary(ending_limit=outlast.integers(3, 9))
-    env, alone = (outlast.make_torchrl(limits, WORLDS, seed=SEED) for _ in range(2))
+    limits = outlast.variant("teams_2").vary(ending_limit=outlast.distributions.integers(3, 9))
+    env, alone = (outlast.adapters.make_torchrl(limits, WORLDS, seed=SEED) for _ in range(2))
     td = env.rollout(20, break_when_all_done=True)
     lengths = env.vector_env.worlds[Clock].tick[:, 0].tolist()
     assert td.shape == (WORLDS, max(lengths))
@@ -195,8 +198,8 @@ def test_worlds_that_a_step_leaves_out_stay() -> None:
 
 def test_frames_are_skipped_also_where_a_world_ends_between() -> None:
     """What is paid is the sum up to the end, and all is as if the world had been stepped alone."""
-    limits = outlast.variant("teams_2").vary(ending_limit=outlast.integers(3, 9))
-    env, alone = (outlast.make_torchrl(limits, WORLDS, seed=SEED) for _ in range(2))
+    limits = outlast.variant("teams_2").vary(ending_limit=outlast.distributions.integers(3, 9))
+    env, alone = (outlast.adapters.make_torchrl(limits, WORLDS, seed=SEED) for _ in range(2))
     skipping = TransformedEnv(env, FrameSkipTransform(4))
     td, plain, going = skipping.reset(), alone.reset(), torch.ones(WORLDS, dtype=torch.bool)
     for _ in range(3):

@@ -34,7 +34,7 @@ GAMES = pytest.mark.parametrize(
 def world(name: str, dead: str) -> Any:
     """With four agents; one of LEVELS with up to four."""
     counts = {} if name in LEVELS else {"n_agents": 4}
-    return outlast.parallel_env(short(name), dead=dead, max_cycles=LIMIT, **SHORT, **counts)
+    return outlast.adapters.parallel_env(short(name), dead=dead, max_cycles=LIMIT, **SHORT, **counts)
 
 
 def wrapped(name: str, dead: str) -> Any:
@@ -64,7 +64,7 @@ def test_worlds_move_to_a_device_and_stand_side_by_side() -> None:
 @pytest.mark.parametrize("masks", [True, "observation"])
 def test_masks_are_obeyed_wherever_they_are(masks: Any) -> None:
     form = {"actions": "joint", "observations": "flat", "action_masks": masks, "max_episode_steps": LIMIT}
-    env = PettingZooWrapper(outlast.parallel_env("teams_3", dead="keep", seed=SEED, **form), use_mask=True)
+    env = PettingZooWrapper(outlast.adapters.parallel_env("teams_3", dead="keep", seed=SEED, **form), use_mask=True)
     torch.manual_seed(SEED)
     rows = env.rollout(LIMIT)["agent"]
     drawn = rows["action"].argmax(-1) if rows["action"].ndim == 3 else rows["action"]
@@ -113,8 +113,8 @@ def shows(rows: Any, seen: dict[str, Any]) -> bool:
 
 KEPT = {"dead": "keep", **SHORT}
 VECTORS = {
-    "make_agents": lambda mode: outlast.make_agents("teams_3", 2, seed=SEED, autoreset_mode=mode, **SHORT),
-    "make_agents of levels": lambda mode: outlast.make_agents(short(ALL), 2, seed=SEED, autoreset_mode=mode),
+    "make_agents": lambda mode: outlast.adapters.make_agents("teams_3", 2, seed=SEED, autoreset_mode=mode, **SHORT),
+    "make_agents of levels": lambda mode: outlast.adapters.make_agents(short(ALL), 2, seed=SEED, autoreset_mode=mode),
     "gymnasium.make_vec": lambda mode: gymnasium.make_vec("outlast/Teams3-v1", 2, autoreset_mode=mode, **KEPT),
 }
 

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast import ScenarioError, make_vec, variant
+from outlast import make_vec, variant
 from outlast.ecs import NumberError
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import ActionError, NotResetError
+from outlast.errors import ScenarioError
 from outlast.systems import Boxes, Melee, Teams
 from tests.conftest import COMPILED, digest, draw_actions
 

@@ -8,7 +8,8 @@ import pickle
 import pytest
 
 import outlast
-from outlast import Scenario, choice, integers, log_uniform, role, uniform, variant
+from outlast import Scenario, role, variant
+from outlast.distributions import choice, integers, log_uniform, uniform
 from outlast.ecs import Module, NumberError, number
 from outlast.envs.errors import ScenarioError
 from outlast.envs.scenarios.fingerprint import difference, fingerprint

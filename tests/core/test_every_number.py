@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast import choice
+from outlast.distributions import choice
 from outlast.ecs import Module, NumberError
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.scenarios.scenario import Scenario
@@ -24,8 +24,8 @@ SMALL = {
     "rewards_kill": 3.0, "rewards_death": -2.0, "rewards_outlive": 1.0, "cameras_depth": 4.0, "inventory_slots": 3,
     "give_last_reach": 5.0, "motors_ahead": 0.5, "steering_speed": 4.0,
 }  # fmt: skip
-BARS = outlast.FloorPlan(walls=[(-2, 0, 0.4, 3), (2, 0, 0.4, 3, 0.6)])
-OTHER_BARS = outlast.FloorPlan(walls=[(-2, 1, 0.4, 3), (2, 1, 0.4, 3, 0.3)])
+BARS = outlast.levels.FloorPlan(walls=[(-2, 0, 0.4, 3), (2, 0, 0.4, 3, 0.6)])
+OTHER_BARS = outlast.levels.FloorPlan(walls=[(-2, 1, 0.4, 3), (2, 1, 0.4, 3, 0.3)])
 
 
 def small(name: str, *mechanics: Module, **numbers: Any) -> Scenario:

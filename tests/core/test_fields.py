@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from outlast import Scenario, choice, make_vec, variant
+from outlast import Scenario, make_vec, variant
 from outlast.components import ObservationMasks, Phase, SelfView, Side
+from outlast.distributions import choice
 from outlast.ecs import (
     Component,
     DeclarationError,

@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast import FloorPlan, ScenarioError, systems, variant
+from outlast import systems, variant
 from outlast.components import Body, Shape, Wall
 from outlast.ecs import Entity
+from outlast.errors import ScenarioError
+from outlast.levels import FloorPlan
 from outlast.systems.geometry.plans import connected
 from tests.conftest import run, scaled
 from tests.helpers.naive_walls import blocks, free_parts, signed_distance

@@ -30,7 +30,7 @@ MASKED = {
     "one bag each": TEAMS.replace(give_last_passes_on=False, melee_damage=50),
     "steering": outlast.variant("teams_3+steering").replace(melee_damage=50),
     "fine steering": TEAMS.with_(FineSteering()).replace(melee_damage=50),
-    "counts vary": TEAMS.vary(n_agents=outlast.integers(2, 4)).replace(melee_damage=50),
+    "counts vary": TEAMS.vary(n_agents=outlast.distributions.integers(2, 4)).replace(melee_damage=50),
 }
 JOINT = list(itertools.product(range(3), range(3), range(3), range(2), range(2), range(2)))  # the first counts most
 
@@ -161,7 +161,7 @@ def test_continuous_actions_are_the_values_whose_parts_they_are_in(name: str) ->
     assert [nearest(*pair) for pair in zip(free.noop, one.action_sizes, strict=True)] == one.noop.tolist()
     one.reset()
     free.reset()
-    rng, policies = np.random.default_rng(0), [outlast.random_policy(env) for env in (one, free)]
+    rng, policies = np.random.default_rng(0), [outlast.policies.random_policy(env) for env in (one, free)]
     for t in range(scaled(100, 12)):
         if t % 3 == 0:
             acted, given = (policy({}) for policy in policies)
@@ -207,7 +207,7 @@ def test_actions_of_many_values_are_drawn_and_left_alone() -> None:
     many = outlast.make_vec(outlast.variant("ffa_2").with_(turret(), FineMotors()), 2048, seed=0)
     seen, _ = many.reset()
     names = [key for key, _ in many.action_columns]
-    kinds = [outlast.random_policy(many), others_policy("random", many, [0, 1])]
+    kinds = [outlast.policies.random_policy(many), others_policy("random", many, [0, 1])]
     for drawn in (policy(seen) for policy in kinds):
         for k, size in enumerate(many.action_sizes):
             counts = np.bincount(drawn[..., k].ravel(), minlength=size)
@@ -216,7 +216,7 @@ def test_actions_of_many_values_are_drawn_and_left_alone() -> None:
         pairs = np.corrcoef(drawn.reshape(-1, len(names)).T) - np.eye(len(names))
         assert np.abs(pairs).max() < 5 / math.sqrt(drawn[..., 0].size)
     for style in STYLES:
-        assert (getattr(outlast, f"{style}_policy")(many)(seen)[..., names.index("bearing")] == 127).all()
+        assert (getattr(outlast.policies, f"{style}_policy")(many)(seen)[..., names.index("bearing")] == 127).all()
 
 
 def arrays_of(seen: Any) -> list[Any]:
@@ -239,7 +239,7 @@ def test_forms_of_observations_hold_the_same(name: str, kind: str) -> None:
     for _ in range(scaled(40, 8)):
         actions = draw_actions(plain, np.random.default_rng(0))
         seen = [env.step(actions)[0] for env in (plain, form, scale)]
-        expected = outlast.scaled(seen[0], plain.fields)
+        expected = outlast.adapters.scaled(seen[0], plain.fields)
         limits = bounded(scale.single_observation_space)
         for env, got, want in ((form, seen[1], seen[0]), (scale, seen[2], expected)):
             assert env.observation_space.contains(got)
@@ -464,12 +464,12 @@ def test_torch_and_numpy_share_what_is_handed_out(copy: bool, form: str) -> None
 def test_numbers_are_divided_by_their_scales_and_angles_wrapped() -> None:
     with contextlib.closing(outlast.make_vec("teams_4", 16, seed=0)) as env:
         observations, _ = env.reset()
-        policy = outlast.random_policy(env, 0)
+        policy = outlast.policies.random_policy(env, 0)
         for _ in range(30):
             observations, *_ = env.step(policy(observations))
         observations["own"][0, 0, columns_of(env.fields["own"], "angle")] = 50 * math.tau + 1
         before = {key: values.copy() for key, values in observations.items()}
-        seen = outlast.scaled(observations, env.fields)
+        seen = outlast.adapters.scaled(observations, env.fields)
         own = env.fields["own"]
         places = columns_of(own, "x", "y")
         np.testing.assert_allclose(seen["own"][..., places], before["own"][..., places] / 12.5)
@@ -523,7 +523,11 @@ def test_lists_of_rows_are_refused_where_shapes_are_fixed() -> None:
     env = outlast.make_vec(TEAMS, 2, observations="rows")
     assert env.single_observation_space == outlast.make_vec(TEAMS, 2).single_observation_space
     env.reset()
-    agents = lambda: outlast.make_agents(TEAMS, num_worlds=2, observations="rows")  # noqa: E731
-    for make in (agents, lambda: outlast.parallel_env(TEAMS, observations="rows"), lambda: env.observe(out={})):
+    agents = lambda: outlast.adapters.make_agents(TEAMS, num_worlds=2, observations="rows")  # noqa: E731
+    for make in (
+        agents,
+        lambda: outlast.adapters.parallel_env(TEAMS, observations="rows"),
+        lambda: env.observe(out={}),
+    ):
         with pytest.raises(ValueError, match="fixed shapes are needed here; take 'dict' or 'flat'"):
             make()

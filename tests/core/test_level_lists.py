@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast import FloorPlan, Level, ScenarioError, choice, free, integers, levels, log_uniform, role, uniform
+from outlast import levels, role
 from outlast.components import Body
+from outlast.distributions import choice, free, integers, log_uniform, uniform
 from outlast.ecs import NumberError
 from outlast.ecs.memory.numbers import AgentRoles, Given
 from outlast.envs.core.vector_env import SurvivalVectorEnv
@@ -19,6 +20,8 @@ from outlast.envs.errors import NotResetError, RecordingError, StateError
 from outlast.envs.levels import check
 from outlast.envs.scenarios.roles_file import with_roles
 from outlast.envs.scenarios.varying_json import plain_roles
+from outlast.errors import ScenarioError
+from outlast.levels import FloorPlan, Level
 from outlast.systems import Maze
 from tests.conftest import digest, draw_actions, scaled
 
@@ -130,7 +133,7 @@ def test_samples_could_be_drawn(distribution: Any) -> None:
 
 def test_levels_of_worlds_are_levels_for_worlds(tmp_path: Path) -> None:
     """Also with fractions, which worlds have as float32: as numbers, as levels, and as levels in a file."""
-    layouts = [outlast.FloorPlan(walls=[(0, 0.1 * k, 4, 0.3, 0.7)]).layout() for k in (1, 2, 3)]
+    layouts = [outlast.levels.FloorPlan(walls=[(0, 0.1 * k, 4, 0.3, 0.7)]).layout() for k in (1, 2, 3)]
     walls = outlast.systems.Walls(layout=layouts[0])
     scenario = outlast.variant("ffa_2").with_(walls).vary(walls_layout=choice(*layouts), motors_ahead=choice(0.1, 0.3))
     env, other = (outlast.make_vec(scenario, 6, seed=seed) for seed in (3, 4))
@@ -368,7 +371,7 @@ GAME = (
         motors_ahead=log_uniform(0.1, 0.5),
         cameras_cone=choice("sector", "kite"),
         melee_blocked=choice(True, False),
-        walls_layout=outlast.free(PLANS[0].layout(3)),
+        walls_layout=outlast.distributions.free(PLANS[0].layout(3)),
     )
     .roles(**ROLES, drawn="anyone")
 )
@@ -433,8 +436,8 @@ PLAYED: list[tuple[Any, str]] = [  # what set_levels refuses
     ([Level({"walls_layout": OVERLAPPING})], "overlaps that of side 0 at (0, 0); move them apart"),
     ([], "0 levels for 3 worlds: one, or as many, are needed"),
     ([Level()] * 2, "2 levels for 3 worlds"),
-    (Level(), "a list of outlast.Level is needed"),
-    ([Level(), {}, Level()], "level 1 is {}: an outlast.Level is needed"),
+    (Level(), "a list of outlast.levels.Level is needed"),
+    ([Level(), {}, Level()], "level 1 is {}: an outlast.levels.Level is needed"),
     ([Level({"n_agents": 2}, (1, 2, 3)), Level(), Level({"motors_ahead": 9})], "take its full name, agents_count"),
     ([Level(key=(1, 2, 3)), Level(), Level({"motors_ahead": 9})], "level 2: motors_ahead = 9: it varies as"),
 ]
@@ -511,7 +514,7 @@ MADE: list[tuple[Callable[[], Any], str]] = [
         lambda: GAME.replace(melee_damage=integers(1, 5)),
         "a value is needed; Scenario.vary lets it differ from world to",
     ),
-    (lambda: levels.save("a.json", GAME, Level()), "a list of outlast.Level is needed"),
+    (lambda: levels.save("a.json", GAME, Level()), "a list of outlast.levels.Level is needed"),
     (
         lambda: levels.save("a.json", GAME, [Level(), Level({"walls_layout": BELOW})]),
         "rectangle 0 at (0, 0) is -1 x 1 m",
@@ -527,9 +530,9 @@ MADE: list[tuple[Callable[[], Any], str]] = [
     (lambda: Level({}, "abc"), "seed, world and episode are needed"),
     (lambda: Level(None), "values by name are needed"),
     (lambda: Level([3]), "values by name are needed"),
-    (lambda: outlast.variant("ffa_3").vary(safe_zone_radii=outlast.free((5, 4))), "does not declare"),
-    (lambda: outlast.free(3.0), "a tuple of finite numbers"),
-    (lambda: outlast.free((1, math.inf)), "a tuple of finite numbers"),
+    (lambda: outlast.variant("ffa_3").vary(safe_zone_radii=outlast.distributions.free((5, 4))), "does not declare"),
+    (lambda: outlast.distributions.free(3.0), "a tuple of finite numbers"),
+    (lambda: outlast.distributions.free((1, math.inf)), "a tuple of finite numbers"),
     (lambda: uniform(2, 1), "the first must be below the second"),
     (lambda: uniform(0, math.inf), "two finite numbers are needed"),
     (lambda: log_uniform(0, 1), "the lower end must be above 0"),

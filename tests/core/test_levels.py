@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast import choice, integers, log_uniform, systems, uniform
+from outlast import systems
+from outlast.distributions import choice, integers, log_uniform, uniform
 from outlast.ecs import Clock, Component, Entity, NumberError
 from outlast.ecs.memory.numbers import Given, Varied
 from outlast.envs.core.vector_env import SurvivalVectorEnv
@@ -45,7 +46,7 @@ COUNTS = outlast.variant("teams_4").vary(
 )
 MIXED = COUNTS.roles(**ROLES, drawn="anyone")
 PLANS = [
-    outlast.FloorPlan(
+    outlast.levels.FloorPlan(
         walls=[(3 * k - 8, 3, 0.5, 6), (-6, -5, 4, 1 + k / 4, 0.2 * k), (6, k - 9, 3, 0.5, 1.0)],
         starts=[(0, -10, 0, 3, 14), (1, 10, 0, 3, 10 + k)],
     )
@@ -291,7 +292,7 @@ def test_states_that_no_draw_leads_to_are_refused() -> None:
     [
         ({"melee_damage": uniform(1, 2)}, "it is of type int, so take integers or choice"),
         ({"melee_damage": integers(-5, 2)}, "melee.damage = -5: must be >= 0"),
-        ({"melee_damage": 7}, "a distribution is needed, as in outlast.uniform(1, 2)"),
+        ({"melee_damage": 7}, "a distribution is needed, as in outlast.distributions.uniform(1, 2)"),
         ({"melee_damige": integers(1, 2)}, "did you mean melee_damage"),
         ({"n_agents": integers(0, 3)}, "agents.count = 0: must be >= 1"),
         ({"cameras_cone": choice("kite", "round")}, "allowed are 'sector', 'kite'"),

@@ -69,8 +69,11 @@ def test_units_and_meanings_are_text() -> None:
 
 
 def test_the_command_says_what_numbers_are_drawn_from(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    scenario = variant("ffa_1").vary(heals_count=outlast.integers(2, 8))
-    roles = {"hunter": outlast.role(1, melee_damage=20), "prey": outlast.role(melee_damage=outlast.integers(0, 2))}
+    scenario = variant("ffa_1").vary(heals_count=outlast.distributions.integers(2, 8))
+    roles = {
+        "hunter": outlast.role(1, melee_damage=20),
+        "prey": outlast.role(melee_damage=outlast.distributions.integers(0, 2)),
+    }
     scenario.roles(**roles).save(tmp_path / "game.json")
     assert main(["numbers", str(tmp_path / "game.json")]) == 0
     out = capsys.readouterr().out

@@ -83,6 +83,6 @@ def test_nothing_is_placed_before_a_reset_and_nobody_who_is_absent() -> None:
     env = outlast.make_vec("ffa_1", 1, seed=0)
     with pytest.raises(NotResetError):
         env.place("agent", x=0)
-    fewer = made(outlast.variant("ffa_3").replace(n_agents=3).vary(n_agents=outlast.choice(2, 3)), 32)
+    fewer = made(outlast.variant("ffa_3").replace(n_agents=3).vary(n_agents=outlast.distributions.choice(2, 3)), 32)
     with pytest.raises(ValueError, match="agent 2 is absent in world"):
         fewer.place("agent", 2, x=0)

@@ -25,7 +25,7 @@ TINY = 1e-6  # as little above an end that is not in the range
 EVENTFUL: dict[str, Any] = {
     "boxes_dynamic": True, "agents_health": 1_000_000, "ending_rule": "never", "ending_limit": 1500,
 }  # fmt: skip
-BARS = outlast.FloorPlan(walls=[(-4, 0, 0.4, 5), (4, 0, 0.4, 5, 0.6)])
+BARS = outlast.levels.FloorPlan(walls=[(-4, 0, 0.4, 5), (4, 0, 0.4, 5, 0.6)])
 
 
 def game(name: str, *mechanics: Any) -> Scenario:

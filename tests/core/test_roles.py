@@ -29,11 +29,11 @@ QUICK: dict[str, Any] = {"agents_health": 40, "room_size": 14.0, "safe_zone_radi
 ONE_THREE = variant("teams_4").replace(teams_sizes=(1, 3), rewards_kill=5, **QUICK)
 HUNT = ONE_THREE.roles(
     hunter=outlast.role(1, melee_damage=20, agents_health=200, agents_radius=0.7, cameras_depth=12, motors_ahead=0.4),
-    prey=outlast.role(3, melee_damage=outlast.integers(0, 2), inventory_capacity=2),
+    prey=outlast.role(3, melee_damage=outlast.distributions.integers(0, 2), inventory_capacity=2),
 )
 DRAWN = variant("ffa_3").replace(n_agents=3, **QUICK).roles(
     strong=outlast.role(1, agents_health=90, cameras_fov=2.0, mortality_limit=90, rewards_alive=2),
-    weak=outlast.role(mortality_limit=60, motors_left=outlast.uniform(0.1, 0.2)),
+    weak=outlast.role(mortality_limit=60, motors_left=outlast.distributions.uniform(0.1, 0.2)),
     drawn="anyone",
 )  # fmt: skip
 # A value for each number that roles can differ in, unlike that of the variants.
@@ -141,7 +141,7 @@ def test_impossible_sizes_are_refused(numbers: dict[str, Any], message: str) -> 
 def test_worlds_with_fewer_agents_lack_the_last_ones_of_teams_with_sizes() -> None:
     scenario = variant("teams_3").replace(teams_count=3, teams_sizes=(1, 2, 1))
     scenario = scenario.roles(one=outlast.role(1), other=outlast.role())
-    env = make_vec(scenario.vary(n_agents=outlast.integers(3, 4)), 8, seed=0)
+    env = make_vec(scenario.vary(n_agents=outlast.distributions.integers(3, 4)), 8, seed=0)
     _, info = env.reset()
     full = info["numbers"]["agents_count"] == 4
     assert 0 < full.sum() < 8
@@ -151,7 +151,7 @@ def test_worlds_with_fewer_agents_lack_the_last_ones_of_teams_with_sizes() -> No
 
 SPLIT = variant("teams_3").replace(**QUICK)
 STRONG = {"strong": outlast.role(1, melee_damage=20, agents_health=90)}
-WEAK = {"weak": outlast.role(motors_left=outlast.uniform(0.1, 0.2))}
+WEAK = {"weak": outlast.role(motors_left=outlast.distributions.uniform(0.1, 0.2))}
 FEWER = {
     "drawn": variant("ffa_3").replace(**QUICK).roles(**STRONG, **WEAK, drawn="anyone"),
     "those left over first": SPLIT.roles(**WEAK, **STRONG),
@@ -161,7 +161,7 @@ FEWER = {
 
 @pytest.mark.parametrize("name", FEWER)
 def test_worlds_with_fewer_agents_have_the_roles_of_a_game_of_their_count(name: str) -> None:
-    scenario, rng = FEWER[name].vary(n_agents=outlast.integers(2, 5)), np.random.default_rng(0)
+    scenario, rng = FEWER[name].vary(n_agents=outlast.distributions.integers(2, 5)), np.random.default_rng(0)
     env = make_vec(scenario, 8, seed=3)
     _, first = env.reset()
     played = [(actions := draw_actions(env, rng), env.step(actions)) for _ in range(TICKS // 10)]
@@ -182,8 +182,8 @@ def test_worlds_with_fewer_agents_have_the_roles_of_a_game_of_their_count(name: 
 def test_sides_are_called_by_roles_that_are_theirs_in_all_worlds() -> None:
     scenario = SPLIT.roles(hunter=outlast.role(2), prey=outlast.role())
     assert make_vec(scenario, 1).sides == ("hunter", "prey")
-    assert make_vec(scenario.vary(n_agents=outlast.integers(3, 4)), 1).sides == ("team 0", "team 1")
-    sizes = outlast.choice((1, 3), (2, 2))
+    assert make_vec(scenario.vary(n_agents=outlast.distributions.integers(3, 4)), 1).sides == ("team 0", "team 1")
+    sizes = outlast.distributions.choice((1, 3), (2, 2))
     assert make_vec(scenario.vary(teams_sizes=sizes), 1).sides == ("team 0", "team 1")
     with pytest.raises(NumberError, match='drawn = "side", but the sizes of teams vary'):
         make_vec(SPLIT.roles(**STRONG, **WEAK, drawn="side").vary(teams_sizes=sizes), 1)
@@ -302,7 +302,7 @@ def test_recordings_replay_with_roles(tmp_path: Path) -> None:
 
 
 def test_roles_are_data() -> None:
-    melee = outlast.choice(1, 5)
+    melee = outlast.distributions.choice(1, 5)
     game = outlast.variant("ffa_2").roles(
         a=outlast.role(1, melee_damage=melee), b=outlast.role(agents=(1,)), drawn="anyone"
     )
@@ -387,7 +387,7 @@ def test_no_number_is_called_self() -> None:
     changes: Any = ONE_THREE.replace, ONE_THREE.vary, env.set_numbers, env.worlds.set_numbers, Melee().replace
     for change in changes:
         with pytest.raises(NumberError, match="self"):
-            change(self=outlast.uniform(1, 2) if change == ONE_THREE.vary else 1)
+            change(self=outlast.distributions.uniform(1, 2) if change == ONE_THREE.vary else 1)
 
 
 LIMITS: dict[str, Any] = {"hunter": ("boxes", "use"), "prey": ("attack", "others")}

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast import ALIASES, VARIANTS, Scenario, integers, make_vec, variant
+from outlast import VARIANTS, Scenario, make_vec, variant
 from outlast.components import Bag, Body, Guard, Heal, Health, Hit, Item, Phase, Shape, Spawned
 from outlast.components.health import hurt
+from outlast.distributions import integers
 from outlast.ecs import (
     Action,
     Archetype,
@@ -36,6 +37,7 @@ from outlast.envs.cli.schedule import uses
 from outlast.envs.errors import ScenarioError
 from outlast.envs.scenarios.fingerprint import difference, fingerprint
 from outlast.envs.scenarios.parse import resolve
+from outlast.envs.scenarios.variants import ALIASES
 from outlast.systems import Boxes, DropLast, FreeForAll, Melee, Pickup, Teams
 from tests.conftest import draw_actions, nightly_compiled
 from tests.helpers.mechanics import DUEL, kind, mechanic, taking
@@ -500,7 +502,9 @@ def test_counts_can_be_zero(numbers: dict[str, int]) -> None:
     env = outlast.make_vec(scenario, 2, seed=0)
     observations, _ = env.reset()
     assert [observations[name[2:]].shape[2] for name in numbers] == [0] * len(numbers)
-    varied = outlast.make_vec(scenario.vary(**{name: outlast.integers(0, 2) for name in numbers}), 64, seed=0)
+    varied = outlast.make_vec(
+        scenario.vary(**{name: outlast.distributions.integers(0, 2) for name in numbers}), 64, seed=0
+    )
     varied.reset()
     for name in numbers:
         drawn = varied.numbers()[f"{name[2:]}_count"]

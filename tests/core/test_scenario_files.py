@@ -39,7 +39,7 @@ def set_trap(health: Read[Health], side: float, reach: float, deep: float, wet: 
     pass
 
 
-BARS = outlast.FloorPlan(walls=[(-4, 0, 0.5, 8), (4, 0, 0.5, 8, 0.6)])
+BARS = outlast.levels.FloorPlan(walls=[(-4, 0, 0.5, 8), (4, 0, 0.5, 8, 0.6)])
 OBSERVED_TWICE = {"varied": {"melee_damage": ["integers", 1, 2]}, "observed": ["melee_damage"] * 2}
 ROOM_ROLE = {"drawn": "never", "roles": [{"name": "a", "count": None, "numbers": {"room_size": 9}}]}
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
@@ -73,10 +73,15 @@ def test_json_holds_all_of_a_scenario(tag: Scenario, tmp_path: Path) -> None:
 
 def test_json_holds_what_differs_between_worlds_and_agents(tmp_path: Path) -> None:
     plain = variant("teams_3").with_(Maze(), Teams(sizes=(1, 3)))
-    roles = {"hunter": outlast.role(1, melee_damage=outlast.integers(10, 20)), "prey": outlast.role(agents=(1, 2, 3))}
-    varied = plain.vary(safe_zone_damage=outlast.choice(1, 5), rewards_kill=outlast.uniform(0, 1))
+    roles = {
+        "hunter": outlast.role(1, melee_damage=outlast.distributions.integers(10, 20)),
+        "prey": outlast.role(agents=(1, 2, 3)),
+    }
+    varied = plain.vary(
+        safe_zone_damage=outlast.distributions.choice(1, 5), rewards_kill=outlast.distributions.uniform(0, 1)
+    )
     both = varied.observe_numbers("safe_zone_damage").roles(**roles, drawn="side")
-    plan = plain.with_(BARS.mechanic(3)).vary(walls_layout=outlast.choice(BARS.layout(3), BARS.layout(3)))
+    plan = plain.with_(BARS.mechanic(3)).vary(walls_layout=outlast.distributions.choice(BARS.layout(3), BARS.layout(3)))
     for scenario in (varied, plain.roles(**roles), both, plan):
         loaded = Scenario.from_json(scenario.to_json())
         assert loaded == scenario
@@ -118,7 +123,7 @@ def test_numbers_follow_whatever_changes_what_they_follow() -> None:
     assert game.with_(room).replace(room_size=100.0)["trap"].side == 40.0
     assert variant("ffa_1").replace(room_size=50.0).with_(Trap()).replace(room_size=100.0)["trap"].side == 20.0
     assert game.with_(room, game["safe_zone"])["safe_zone"].radii == game["safe_zone"].radii
-    varied = game.vary(trap_side=outlast.uniform(1, 2))
+    varied = game.vary(trap_side=outlast.distributions.uniform(1, 2))
     assert dict(varied.replace(room_size=50.0).varied).keys() == {"trap_side"}
 
 
@@ -230,7 +235,9 @@ def test_numbers_can_be_drawn_anew_in_every_episode() -> None:
         asked("ffa_3", *words)
     words = "--vary", "rewards_kill=uniform(1, 2.5)", "--vary", "n_heals = choice(2, 8)", "--set", "melee_damage=7"
     varied = variant("ffa_3").replace(melee_damage=7)
-    assert asked("ffa_3", *words) == varied.vary(rewards_kill=outlast.uniform(1, 2.5), n_heals=outlast.choice(2, 8))
+    assert asked("ffa_3", *words) == varied.vary(
+        rewards_kill=outlast.distributions.uniform(1, 2.5), n_heals=outlast.distributions.choice(2, 8)
+    )
     with pytest.raises(ScenarioError, match=r"--vary heals_count: --set has it, too; say one of them"):
         asked("ffa_3", "--vary", "n_heals=choice(2,8)", "--set", "heals_count=3")
     with pytest.raises(NumberError, match="heals_count is given twice; say one of them"):

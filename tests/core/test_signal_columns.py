@@ -239,7 +239,7 @@ def test_components_of_one_name_are_told_apart() -> None:
     for _ in range(2):
         env.step(doing(env, ActionTwin, 3))
         assert env.worlds[SignalTwin].twin.tolist() == [[3, 3]] * 2
-    env = duel(Twins(), game=DUEL.vary(n_agents=outlast.integers(1, 3)), count=8)
+    env = duel(Twins(), game=DUEL.vary(n_agents=outlast.distributions.integers(1, 3)), count=8)
     observations, info = env.reset()
     assert not info["present"].all()
     for key, value in (("twin_a", 1), ("twin_b", 2)):

@@ -55,7 +55,7 @@ def test_what_is_stored_was_made_by_what_is_stored() -> None:
 
 def test_environments_show_their_first_world_once_there_is_one() -> None:
     env = outlast.make_vec("teams_3", 2, seed=4)
-    agents = outlast.make_agents("teams_3", 2, seed=4)
+    agents = outlast.adapters.make_agents("teams_3", 2, seed=4)
     for each in (env, agents):
         assert each._repr_png_() is None
         each.reset()

@@ -173,7 +173,7 @@ def test_the_site_has_all_that_there_is(site: Path) -> None:
     for scenario in outlast.VARIANTS.values():
         assert scenario.numbers().keys() <= words_of("scenarios")
         assert {module.__class__.__name__ for module in scenario.modules} <= words_of("scenarios")
-    assert {*outlast.VARIANTS, *outlast.ALIASES} <= words_of("world")
+    assert {*outlast.VARIANTS, *outlast.envs.scenarios.variants.ALIASES} <= words_of("world")
     assert set(systems.__all__) <= words_of("scenarios")
     env = outlast.make_vec("ffa_3", 1, seed=0)
     assert {*env.single_observation_space, *(name for name, _ in env.action_columns)} <= words_of("spaces")

@@ -161,7 +161,7 @@ def bring_back(entities: Write[Entity], health: Write[Health], agents: Rows[Side
 
 @interpreted
 def test_who_is_absent_is_not_brought_back(interpret: bool) -> None:
-    varied = DUEL.replace(ending_rule="never", ending_limit=9).vary(n_agents=outlast.integers(1, 3))
+    varied = DUEL.replace(ending_rule="never", ending_limit=9).vary(n_agents=outlast.distributions.integers(1, 3))
     env = acting(rise, Phase.RESPAWN, interpret, varied)
     with pytest.raises(AbsentError, match=r"(after mine.rise: )?an entity is alive .* exists\(entities, e\) is False"):
         env.step(idle(env))

@@ -467,7 +467,7 @@ def remembering(memory: Any) -> Module:
          r"toy_game\.Pace\.pace and .*Odd.mine|Odd.mine and .*Pace\.pace are both the action 'pace'; rename one"),
         (lambda: worlds(*toy_game.GAME, singletons(component(Statistic, mine=column("i4", "walkers", key="meals"))())),
          "are both the statistic 'meals'; rename one"),
-        (lambda: outlast.make_vec(DUEL.vary(melee_damage=outlast.integers(1, 4)).observe_numbers().with_(
+        (lambda: outlast.make_vec(DUEL.vary(melee_damage=outlast.distributions.integers(1, 4)).observe_numbers().with_(
             singletons(Mine())), 1), r"NumbersView.numbers and .*Mine.numbers are both the observation"),
         # bounds
         (lambda: bounds(Worlds([*DUEL.modules, mechanic("Heats", bounds=lambda self, layout: {"owm": (0, 1)})], 1)),

@@ -101,8 +101,8 @@ def test_systems_that_run_as_python_get_the_same() -> None:
 
 
 def test_values_are_drawn_for_each_agent_of_each_world_and_episode() -> None:
-    draw = outlast.uniform(2.0, 3.0)
-    given = roles(a=outlast.role(3, walk_step=draw, walk_count=outlast.integers(-2, 5)), b=outlast.role())
+    draw = outlast.distributions.uniform(2.0, 3.0)
+    given = roles(a=outlast.role(3, walk_step=draw, walk_count=outlast.distributions.integers(-2, 5)), b=outlast.role())
     worlds = Worlds(MODULES, WORLDS, roles=given)
     worlds.seed(7, np.arange(WORLDS))
     seen = []
@@ -139,7 +139,7 @@ def test_who_has_which_role_is_drawn(drawn: str, sizes: tuple[int, ...]) -> None
 
 def test_a_world_with_other_numbers_varied_has_roles_too() -> None:
     given = roles("anyone", a=outlast.role(1, walk_step=2.0), b=outlast.role(agents_health=7))
-    worlds = made(given, 50, varied={"walk_alike": outlast.uniform(1, 2)})
+    worlds = made(given, 50, varied={"walk_alike": outlast.distributions.uniform(1, 2)})
     steps = np.where(worlds[AgentRoles].role == 0, np.float32(2), np.float32(0.5))
     assert (worlds[Pace].step[:, :5] == steps * worlds.number("walk_alike")[:, None]).all()
     assert ((worlds[Health].points[:, :5] == 7) == (worlds[AgentRoles].role == 1)).all()
@@ -151,9 +151,9 @@ def test_roles_without_numbers_are_names() -> None:
     assert not worlds.agent_numbers()
     given = roles(
         "side",
-        a=outlast.role(2, walk_step=1.0, walk_count=outlast.choice(1, 5)),
+        a=outlast.role(2, walk_step=1.0, walk_count=outlast.distributions.choice(1, 5)),
         b=outlast.role(agents=(4, 0)),
-        c=outlast.role(walk_step=outlast.log_uniform(0.1, 2)),
+        c=outlast.role(walk_step=outlast.distributions.log_uniform(0.1, 2)),
     )
     assert str(given) == "2 a and 2 b and other c drawn by side"
 
@@ -168,10 +168,10 @@ REFUSED: list[tuple[Mapping[str, Any], str]] = [
     ({"a": role(walk_stride=1)}, "role a: the number walk_stride does not exist; a role can have: .*"),
     ({"a": role(walk_alike=1.0)}, "walk_alike is the same for all agents, as its mechanic"),
     ({"a": role(walk_step=-1)}, "role a: walk.step = -1: must be >= 0"),
-    ({"a": role(walk_step=outlast.uniform(-1, 1))}, "role a: walk.step = -1"),
+    ({"a": role(walk_step=outlast.distributions.uniform(-1, 1))}, "role a: walk.step = -1"),
     ({"a": role(walk_step=float("nan"))}, "role a: walk.step = nan: a finite number"),
     ({"a": role(walk_count=1.5)}, "role a: walk.count = 1.5: an integer"),
-    ({"a": role(walk_count=outlast.uniform(1, 2))}, "of type int, so take integers or cho"),
+    ({"a": role(walk_count=outlast.distributions.uniform(1, 2))}, "of type int, so take integers or cho"),
     ({"drawn": "side", "a": role()}, 'drawn = "side", but agents are not in teams; add Teams'),
     ({"drawn": "daily", "a": role()}, "drawn = 'daily'; allowed are 'never', 'anyone', 'side'"),
 ]
@@ -202,9 +202,11 @@ def test_bad_arguments_are_refused(make: Any, message: str) -> None:
 
 
 def test_a_number_varies_from_world_to_world_or_by_role() -> None:
-    hunter, drawn = {"hunter": role(melee_damage=9)}, {"melee_damage": outlast.integers(1, 5)}
+    hunter, drawn = {"hunter": role(melee_damage=9)}, {"melee_damage": outlast.distributions.integers(1, 5)}
     for make in (
-        lambda: Worlds(MODULES, 1, roles=roles(a=role(walk_step=1.0)), varied={"walk_step": outlast.uniform(1, 2)}),
+        lambda: Worlds(
+            MODULES, 1, roles=roles(a=role(walk_step=1.0)), varied={"walk_step": outlast.distributions.uniform(1, 2)}
+        ),
         lambda: outlast.variant("ffa_1").vary(**drawn).roles(**hunter),
         lambda: outlast.variant("ffa_1").roles(**hunter).vary(**drawn),
     ):

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast import choice, integers, log_uniform, uniform
 from outlast.components import Phase, Side
+from outlast.distributions import choice, integers, log_uniform, uniform
 from outlast.ecs import (
     INDEX,
     RESET,

@@ -10,12 +10,15 @@ from typing import Any, ClassVar
 import numpy as np
 
 import outlast
-from outlast import FloorPlan, Scenario, ScenarioError, choice, integers, levels, log_uniform, uniform
+from outlast import Scenario, levels
+from outlast.distributions import choice, integers, log_uniform, uniform
 from outlast.ecs import DeclarationError, NumberError
 from outlast.envs.errors import FaultError
 from outlast.envs.scenarios.roles_file import with_roles
 from outlast.envs.scenarios.serialize import planned
 from outlast.envs.scenarios.varying_json import plain_roles
+from outlast.errors import ScenarioError
+from outlast.levels import FloorPlan
 from tests.fuzz.mutations import mutated, mutated_json, to_json
 from tests.fuzz.worlds import folder_of
 

@@ -5,8 +5,10 @@ from pathlib import Path
 from random import Random
 from typing import ClassVar
 
-from outlast import FloorPlan, ScenarioError, variant
+from outlast import variant
 from outlast.ecs import MemoryLayout, NumberError
+from outlast.errors import ScenarioError
+from outlast.levels import FloorPlan
 from tests.fuzz.mutations import mutated, mutated_json, to_json
 
 DRAWING = b"#####\n#A.B#\n#.#.#\n#.*.#\n#####\n"

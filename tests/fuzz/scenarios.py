@@ -97,7 +97,7 @@ def _differing(rng: Random, scenario: Scenario) -> Scenario:
     numbers = [each for each in scenario.numbers().items() if not isinstance(each[1], (tuple, str))]
     varied = {name: _drawn(rng, value) for name, value in rng.sample(numbers, min(len(numbers), rng.randrange(4)))}
     if "agents" in scenario and rng.random() < 0.5:
-        varied["agents_count"] = outlast.integers(2, rng.randrange(3, 6))
+        varied["agents_count"] = outlast.distributions.integers(2, rng.randrange(3, 6))
     scenario = scenario.vary(**varied)
     if rng.random() < 0.5:
         able = [
@@ -117,11 +117,16 @@ def _differing(rng: Random, scenario: Scenario) -> Scenario:
 def _drawn(rng: Random, value: Any) -> Any:
     """What a number could be drawn from."""
     if isinstance(value, bool):
-        return outlast.choice(True, False)
+        return outlast.distributions.choice(True, False)
     if isinstance(value, int):
-        return rng.choice((outlast.integers(value, value + rng.randrange(1, 4)), outlast.choice(value, value + 2)))
+        return rng.choice(
+            (
+                outlast.distributions.integers(value, value + rng.randrange(1, 4)),
+                outlast.distributions.choice(value, value + 2),
+            )
+        )
     low, high = value * rng.uniform(0.5, 1), value * rng.uniform(1, 1.5) + 0.1
-    return rng.choice((outlast.uniform(low, high), outlast.choice(low, high)))
+    return rng.choice((outlast.distributions.uniform(low, high), outlast.distributions.choice(low, high)))
 
 
 def worlds_of(k: int) -> int:

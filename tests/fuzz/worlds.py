@@ -139,13 +139,17 @@ class LevelStates(States):
     scenario: ClassVar = (
         SMALL.with_(outlast.systems.Pillars(count=4))
         .vary(
-            n_agents=outlast.integers(2, 4),
-            n_heals=outlast.integers(1, 4),
-            pillars_count=outlast.integers(1, 4),
-            motors_ahead=outlast.uniform(0.1, 0.4),
-            cameras_cone=outlast.choice("sector", "kite"),
+            n_agents=outlast.distributions.integers(2, 4),
+            n_heals=outlast.distributions.integers(1, 4),
+            pillars_count=outlast.distributions.integers(1, 4),
+            motors_ahead=outlast.distributions.uniform(0.1, 0.4),
+            cameras_cone=outlast.distributions.choice("sector", "kite"),
         )
-        .roles(hunter=outlast.role(1, cameras_depth=outlast.uniform(8, 14)), prey=outlast.role(), drawn="anyone")
+        .roles(
+            hunter=outlast.role(1, cameras_depth=outlast.distributions.uniform(8, 14)),
+            prey=outlast.role(),
+            drawn="anyone",
+        )
     )
 
 

@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from outlast import Scenario, integers, make_vec, role, variant
+from outlast import Scenario, make_vec, role, variant
 from outlast.components import Body
+from outlast.distributions import integers
 from outlast.ecs import RESET, STEP, Entity
 from outlast.ecs.checks import trial
 from outlast.ecs.checks.traced import Traced

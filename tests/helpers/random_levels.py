@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 import outlast
-from outlast import FloorPlan, Scenario, choice, integers, systems, uniform
+from outlast import Scenario, systems
 from outlast.components import (
     Bag,
     Before,
@@ -24,8 +24,10 @@ from outlast.components import (
     Spawned,
     Wall,
 )
+from outlast.distributions import choice, integers, uniform
 from outlast.ecs import Clock, Entity, NumberError, Worlds
 from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.levels import FloorPlan
 from tests.helpers.naive_walls import free_parts
 
 Array = np.ndarray[Any, Any]

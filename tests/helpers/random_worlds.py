@@ -27,6 +27,7 @@ from outlast.components import (
 )
 from outlast.components.inventory import CLOSED
 from outlast.components.score import End
+from outlast.distributions import choice, integers, uniform
 from outlast.ecs import Clock, Entity
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from tests.conftest import draw_actions, scaled
@@ -85,9 +86,9 @@ ROLES = {  # by kind of world
             give_last_reach=4.0, boxes_offset=1.5, rewards_kill=30.0, rewards_alive=0.25, safe_zone_damage=0,
         ),
         "prey": outlast.role(
-            cameras_depth=outlast.uniform(4.0, 8.0), pickup_reach=1.25, death_drop_radius=2.0, inventory_capacity=3,
-            motors_left=outlast.choice(0.1, 0.3), mortality_limit=120, rewards_death=-7.0, rewards_outlive=3.0,
-            safe_zone_damage=outlast.integers(2, 4), agents_health=60,
+            cameras_depth=uniform(4.0, 8.0), pickup_reach=1.25, death_drop_radius=2.0, inventory_capacity=3,
+            motors_left=choice(0.1, 0.3), mortality_limit=120, rewards_death=-7.0, rewards_outlive=3.0,
+            safe_zone_damage=integers(2, 4), agents_health=60,
         ),
     },
 }  # fmt: skip

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast import ABLATIONS, ScenarioError, make_vec, variant
+from outlast import ABLATIONS, make_vec, variant
 from outlast.components import Body
 from outlast.ecs import NumberError
 from outlast.envs.cli.main import main
 from outlast.envs.rollout.policies import scripted_policy
+from outlast.errors import ScenarioError
 from outlast.systems import Motors, Steering
 from tests.conftest import COMPILED
 from tests.helpers.scenario_builder import ScenarioBuilder

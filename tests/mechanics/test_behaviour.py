@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast import Scenario, integers, make_vec, uniform, variant
+from outlast import Scenario, make_vec, variant
 from outlast.components import Bag, Body, Box, BoxItem, Health, Item, Phase, Shape, Side, Track, Zone
 from outlast.components.inventory import push
+from outlast.distributions import integers, uniform
 from outlast.ecs import DeclarationError, Entity, Module, NumberError, Read, Rows
 from outlast.envs.core.agents import alive, side
 from outlast.envs.core.spaces import statistics

@@ -57,7 +57,7 @@ def test_rows_hold_their_columns_where_they_are_seen() -> None:
         outlast.variant("teams_3")
         .with_(Crates(), systems.Pillars())
         .replace(cameras_fov=3.0, cameras_depth=20.0)
-        .vary(crates_count=outlast.integers(0, 3))
+        .vary(crates_count=outlast.distributions.integers(0, 3))
     )
     env = outlast.make_vec(scenario, WORLDS, seed=0)
     observations, _ = env.reset()

@@ -298,8 +298,8 @@ def test_scripted_agents_play_the_game():
         env = outlast.make_vec(SCENARIOS["hide_small"], 64, seed=0)
         observations, _ = env.reset()
         policies = [
-            outlast.scripted_policy(env),
-            outlast.scripted_policy(env) if name == "scripted" else outlast.noop_policy(env),
+            outlast.policies.scripted_policy(env),
+            outlast.policies.scripted_policy(env) if name == "scripted" else outlast.policies.noop_policy(env),
         ]
         for _ in range(240):
             hiders, seekers = (np.array(policy(observations)) for policy in policies)

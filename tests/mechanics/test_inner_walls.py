@@ -244,14 +244,16 @@ def test_without_blocks_nothing_changes_but_overlaps_at_the_start() -> None:
 
 def test_varied_layouts_equal_worlds_with_each_of_them() -> None:
     """Bit for bit, for a choice of two floor plans and for mazes of different sizes."""
-    one = outlast.FloorPlan(walls=[(0, 0, 8, 0.5), (4, 4, 0.5, 6, 0.2)])
-    two = outlast.FloorPlan(walls=[(-3, 0, 2, 6)], starts=[(0, -9, 0, 4, 8)])
+    one = outlast.levels.FloorPlan(walls=[(0, 0, 8, 0.5), (4, 4, 0.5, 6, 0.2)])
+    two = outlast.levels.FloorPlan(walls=[(-3, 0, 2, 6)], starts=[(0, -9, 0, 4, 8)])
     layouts = one.layout(4), two.layout(4)
-    choice = variant("ffa_3").with_(one.mechanic(4)).vary(walls_layout=outlast.choice(*layouts))
+    choice = variant("ffa_3").with_(one.mechanic(4)).vary(walls_layout=outlast.distributions.choice(*layouts))
     maze = variant("ffa_3").with_(systems.Maze(blocks=40))
-    sizes = maze.vary(maze_columns=outlast.integers(2, 6), maze_loops=outlast.uniform(0, 1))
+    sizes = maze.vary(maze_columns=outlast.distributions.integers(2, 6), maze_loops=outlast.distributions.uniform(0, 1))
     pillars = variant("teams_3").with_(systems.Pillars())
-    counts = pillars.vary(pillars_count=outlast.integers(1, 12), agents_count=outlast.integers(2, 6))
+    counts = pillars.vary(
+        pillars_count=outlast.distributions.integers(1, 12), agents_count=outlast.distributions.integers(2, 6)
+    )
     for varied, name in ((choice, "walls_layout"), (sizes, "maze_columns"), (counts, "pillars_count")):
         env = outlast.make_vec(varied, 6, seed=4)
         env.reset()

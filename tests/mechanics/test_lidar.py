@@ -78,7 +78,7 @@ NAIVE: dict[str, Scenario] = {
     .with_(PILLARS, Lidar(targets="solids"))
     .roles(
         far=outlast.role(2, lidar_depth=20.0, lidar_angle=0.5, agents_radius=0.54),
-        near=outlast.role(lidar_depth=outlast.uniform(1.0, 3.0), lidar_angle=2 * math.pi),
+        near=outlast.role(lidar_depth=outlast.distributions.uniform(1.0, 3.0), lidar_angle=2 * math.pi),
         drawn="anyone",
         observed=False,
     ),
@@ -182,7 +182,11 @@ def test_the_dead_read_nothing_until_they_come_back() -> None:
 
 
 def test_absent_agents_read_nothing() -> None:
-    varied = variant("ffa_3").with_(Lidar()).vary(n_agents=outlast.integers(2, 6), lidar_depth=outlast.uniform(2, 9))
+    varied = (
+        variant("ffa_3")
+        .with_(Lidar())
+        .vary(n_agents=outlast.distributions.integers(2, 6), lidar_depth=outlast.distributions.uniform(2, 9))
+    )
     env = make_vec(varied, WORLDS, seed=1)
     observations, info = env.reset()
     present, depth = info["present"], info["numbers"]["lidar_depth"]
@@ -207,7 +211,7 @@ def test_the_blind_read_nothing_until_their_first_choice() -> None:
 
 def test_the_number_of_rays_is_the_same_everywhere() -> None:
     with pytest.raises(NumberError, match=r"lidar_rays cannot vary: Lidar.dims\(\) reads it"):
-        make_vec(EMPTY.with_(Lidar()).vary(lidar_rays=outlast.integers(3, 9)), 1)
+        make_vec(EMPTY.with_(Lidar()).vary(lidar_rays=outlast.distributions.integers(3, 9)), 1)
     with pytest.raises(ValueError, match="lidar_rays is the same for all agents"):
         EMPTY.with_(Lidar()).roles(one=outlast.role(1, lidar_rays=3), other=outlast.role())
 
@@ -218,7 +222,9 @@ def test_it_is_an_observation_of_its_own_with_a_scale() -> None:
     field = env.fields["lidar"]["distance"]
     assert (field.size, field.scale, field.unit, field.low) == (5, 20.0, "m", 0)
     assert env.single_observation_space["lidar"].shape[-1] == 5
-    np.testing.assert_array_equal(outlast.scaled(observations, env.fields)["lidar"], observations["lidar"] / 20)
+    np.testing.assert_array_equal(
+        outlast.adapters.scaled(observations, env.fields)["lidar"], observations["lidar"] / 20
+    )
     assert {key: array.shape for key, array in observations.items() if key in ("own", "others")} == {
         key: array.shape for key, array in make_vec(EMPTY, 1).reset()[0].items() if key in ("own", "others")
     }

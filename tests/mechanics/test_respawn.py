@@ -182,8 +182,8 @@ def test_adapters_in_which_death_ends_an_episode_refuse_it(make_env: str) -> Non
     with pytest.raises(
         ValueError, match="agents come back in this scenario, so none ends at its death; take dead='keep'"
     ):
-        getattr(outlast, make_env)(FIGHT)
-    getattr(outlast, make_env)(FIGHT, dead="keep").reset()
+        getattr(outlast.adapters, make_env)(FIGHT)
+    getattr(outlast.adapters, make_env)(FIGHT, dead="keep").reset()
 
 
 def test_gymnasium_keeps_the_dead() -> None:

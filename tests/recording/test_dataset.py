@@ -104,13 +104,13 @@ def test_samples_are_what_step_returned(tmp_path: Path, variant: str, autoreset:
 @pytest.mark.parametrize("begin", ["seeds", "keys"])
 def test_episodes_are_told_apart_whatever_they_are_keyed_by(tmp_path: Path, begin: str) -> None:
     """A clock's number of the episode begins again with a seed, and with a level that has a key."""
-    varied = outlast.variant("ffa_2").replace(ending_limit=3).vary(melee_damage=outlast.integers(5, 40))
+    varied = outlast.variant("ffa_2").replace(ending_limit=3).vary(melee_damage=outlast.distributions.integers(5, 40))
     env = outlast.make_vec(varied, 2, seed=0, autoreset_mode="Disabled")
     env.reset()
     with outlast.record(env, tmp_path / "a.rec"):
         for k in range(3):
             if begin == "keys" and k:
-                env.set_levels([outlast.Level({"melee_damage": 10 + k}, key=(7, 0, 1))] * 2)
+                env.set_levels([outlast.levels.Level({"melee_damage": 10 + k}, key=(7, 0, 1))] * 2)
             env.reset(**{"seed": k} if begin == "seeds" else {})
             for _ in range(3):
                 env.step(np.tile(env.noop, (2, 2, 1)))
@@ -295,13 +295,16 @@ def test_an_episode_of_a_minari_dataset_can_be_played_again(tmp_path: Path, monk
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
     game = outlast.variant("ffa_3").replace(**SHORT)
     if kind == "levels":
-        game = game.vary(agents_health=outlast.integers(5, 60))
+        game = game.vary(agents_health=outlast.distributions.integers(5, 60))
     env, rng = outlast.make_vec(game, 2, seed=5, first_world=3), np.random.default_rng(0)
     with outlast.record(env, tmp_path / "a.rec"):
         for seed in (5, 6):
             if kind == "levels":
                 env.set_levels(
-                    [outlast.Level({"agents_health": 7}, key=(8, 0, 2)), outlast.Level({"agents_health": 9})]
+                    [
+                        outlast.levels.Level({"agents_health": 7}, key=(8, 0, 2)),
+                        outlast.levels.Level({"agents_health": 9}),
+                    ]
                 )
             env.reset(seed=seed)
             for _ in range(STEPS):

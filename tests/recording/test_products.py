@@ -163,7 +163,10 @@ def test_a_dataset_has_samples(tmp_path: Path, name: str, monkeypatch: pytest.Mo
 
 
 def test_worlds_begin_with_hit_points_of_their_own() -> None:
-    drawn = {"agents_health": outlast.integers(20, 90), "ending_limit": outlast.integers(2, 4)}
+    drawn = {
+        "agents_health": outlast.distributions.integers(20, 90),
+        "ending_limit": outlast.distributions.integers(2, 4),
+    }
     env = outlast.make_vec(outlast.variant("ffa_1").vary(**drawn), 3, seed=0)
     env.reset()
     for _ in range(6):

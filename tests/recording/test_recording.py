@@ -141,7 +141,7 @@ def test_nothing_is_overwritten(tmp_path: Path) -> None:
 
 
 def test_what_is_no_environment_is_not_recorded(tmp_path: Path) -> None:
-    env = outlast.make_agents("ffa_1", 1, seed=0)
+    env = outlast.adapters.make_agents("ffa_1", 1, seed=0)
     with pytest.raises(
         TypeError, match=r"record\(\) needs what make_vec returns, not SurvivalAgentVectorEnv: give env\.un"
     ):

@@ -122,7 +122,7 @@ def test_the_tick_of_a_reset_pays_nothing_in_a_replay(tmp_path: Path) -> None:
 def test_adapters_are_recorded_by_their_base_env(tmp_path: Path, learners: bool, mode: str) -> None:
     """Also where episodes end with the learner, before their world does."""
     scenario = short("ffa_3").replace(n_agents=4)
-    make = partial(SurvivalLearnerVectorEnv, 3) if learners else partial(outlast.make_agents, num_worlds=3)
+    make = partial(SurvivalLearnerVectorEnv, 3) if learners else partial(outlast.adapters.make_agents, num_worlds=3)
     env = make(scenario=scenario, autoreset_mode=mode)
     watched, rng = Watched(env.base_env), np.random.default_rng(0)
     warned = pytest.warns(UserWarning, match="ends that an adapter adds") if learners else contextlib.nullcontext()

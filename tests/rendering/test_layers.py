@@ -8,8 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
-from outlast import choice, make_vec, role, variant
+from outlast import make_vec, role, variant
 from outlast.components import Guard, Zone
+from outlast.distributions import choice
 from outlast.ecs import Entity
 from outlast.envs.errors import FilmError
 from outlast.envs.inspect.world_json import describe

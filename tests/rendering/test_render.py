@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from outlast import FloorPlan, Scenario, make_vec, systems, variant
+from outlast import Scenario, make_vec, systems, variant
 from outlast.components import Bag, Body, Died, Heal, Health, Look, Strike, Weapon, Zone
 from outlast.ecs import RESET, Clock, Entity, Module, Worlds
 from outlast.envs.errors import FilmError
@@ -27,6 +27,7 @@ from outlast.envs.rendering.layers import (
 )
 from outlast.envs.rendering.rgb import draw, text
 from outlast.envs.rendering.video import footage
+from outlast.levels import FloorPlan
 from tests.conftest import digest, scaled
 from tests.helpers.scenario_builder import ScenarioBuilder
 

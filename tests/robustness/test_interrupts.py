@@ -16,7 +16,8 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast import SurvivalVectorEnv, make_agents, make_vec, variant
+from outlast import SurvivalVectorEnv, make_vec, variant
+from outlast.adapters import make_agents
 from outlast.components import Body
 from outlast.envs.errors import FaultError, NotResetError
 from outlast.envs.snapshots.state import State

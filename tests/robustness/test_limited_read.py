@@ -136,7 +136,7 @@ def test_a_plan_that_is_played_in_is_drawn(tmp_path: Path, capsys: pytest.Captur
 def test_levels_name_what_varied_when_they_were_saved(tmp_path: Path) -> None:
     """What stands in a file is read: it explains why a level does not fit."""
     path = tmp_path / "a.json"
-    before, now = (VARIANT.vary(melee_damage=outlast.integers(5, most)) for most in (20, 10))
+    before, now = (VARIANT.vary(melee_damage=outlast.distributions.integers(5, most)) for most in (20, 10))
     levels.save(path, before, [levels.Level({"melee_damage": 15})])
     with pytest.raises(NumberError, match=r"in the scenario that it was saved for, melee_damage=.*20.* varied"):
         levels.load(path, now)

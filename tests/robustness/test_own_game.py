@@ -68,11 +68,11 @@ def one():
     return gymnasium.make("outlast:outlast/Teams-v1", scenario=NAME)
 
 if __name__ == "__main__":
-    for make in (outlast.make_vec, outlast.make_agents, outlast.make_sb3):
+    for make in (outlast.make_vec, outlast.adapters.make_agents, outlast.adapters.make_sb3):
         env = make(NAME, 2, seed=0, swamp_drag=0.25)
         env.reset()
         env.close()
-    env = outlast.parallel_env(NAME, swamp_drag=0.25)
+    env = outlast.adapters.parallel_env(NAME, swamp_drag=0.25)
     env.reset(seed=0)
     env.close()
     env = AsyncVectorEnv([one, one], context="spawn")
@@ -82,7 +82,7 @@ if __name__ == "__main__":
     env.reset()
     state = env.get_state()
     env.set_state(state)
-    print(env.scenario.name, outlast.rollout(env, outlast.random_policy(env, 0), episodes=1).episodes)
+    print(env.scenario.name, outlast.rollout(env, outlast.policies.random_policy(env, 0), episodes=1).episodes)
 """
 
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast import integers
 from outlast.components import Score
+from outlast.distributions import integers
 from outlast.envs.core.agents import counted, fewest_sides, present, side
 from outlast.envs.datasets.export import export_dataset
 from outlast.envs.datasets.samples import Selection

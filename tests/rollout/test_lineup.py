@@ -364,7 +364,7 @@ def test_pictures_and_pages_name_the_winner(agents: int) -> None:
 
 
 def test_absent_sides_do_not_win() -> None:
-    game = won_by_points().replace(n_agents=3).vary(n_agents=outlast.integers(2, 3))
+    game = won_by_points().replace(n_agents=3).vary(n_agents=outlast.distributions.integers(2, 3))
     env = outlast.make_vec(game, 16, seed=0, autoreset_mode="Disabled")
     env.reset()
     for _ in range(TICK):

@@ -196,9 +196,9 @@ def test_an_episode_without_an_end_is_not_waited_for_in_silence(monkeypatch, cap
 def test_worlds_whose_limits_differ_are_waited_for_each_by_its_own(monkeypatch):
     monkeypatch.setattr(rollouts, "MAX_STEPS", 40)
     never = outlast.variant("ffa_1").replace(safe_zone_damage=0, ending_limit=50)
-    env = outlast.make_vec(never.vary(ending_limit=outlast.integers(50, 60)), 8, seed=0)
+    env = outlast.make_vec(never.vary(ending_limit=outlast.distributions.integers(50, 60)), 8, seed=0)
     assert 50 < length(rollout(env, POLICIES["noop"](env, 0)))[0] < 60
-    env = outlast.make_vec(never.vary(ending_limit=outlast.choice(0, 50)), 8, seed=0)
+    env = outlast.make_vec(never.vary(ending_limit=outlast.distributions.choice(0, 50)), 8, seed=0)
     env.reset()
     endless = np.flatnonzero(env.numbers()["ending_limit"] == 0)
     assert 0 < endless.size < 8
@@ -531,7 +531,7 @@ def test_summaries_merge_with_their_arrays() -> None:
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
 def test_arrays_mask_who_is_absent(mode: str) -> None:
-    scenario = outlast.variant("ffa_2").replace(**QUICK).vary(n_agents=outlast.integers(2, 4))
+    scenario = outlast.variant("ffa_2").replace(**QUICK).vary(n_agents=outlast.distributions.integers(2, 4))
     env = outlast.make_vec(scenario, 8, seed=0, autoreset_mode=mode)
     summary = outlast.rollout(env, "random", episodes=2, keep=True)
     found, merged = summary.arrays(), Summary.merge([summary]).arrays()
@@ -562,9 +562,9 @@ def test_the_first_death_is_of_episodes_with_a_death() -> None:
 def test_files_count_the_episodes_of_a_world(tmp_path: Path, mode: str) -> None:
     """Whatever levels they are of: a level's key has a number of an episode, too."""
     varied = outlast.variant("ffa_2").replace(ending_limit=15, agents_health=5)
-    varied = varied.vary(melee_damage=outlast.integers(5, 9))
+    varied = varied.vary(melee_damage=outlast.distributions.integers(5, 9))
     env = outlast.make_vec(varied, 2, seed=0, autoreset_mode=mode)
-    env.set_levels([outlast.Level(key=(9, 0, 2)), outlast.Level(key=(9, 1, 50))])
+    env.set_levels([outlast.levels.Level(key=(9, 0, 2)), outlast.levels.Level(key=(9, 1, 50))])
     files = {name: tmp_path / f"{name}.csv" for name in ("csv", "events")}
     found = outlast.rollout(env, "hunter", episodes=3, keep=True, **files)
     numbers = [(int(row["world"]), int(row["episode"])) for row in rows_of(files["csv"])]

@@ -150,7 +150,7 @@ def other_games() -> list[outlast.Scenario]:
         outlast.variant("teams_3").without(Boxes, SafeZone),
         outlast.variant("ffa_3").without(Heals, Cameras),
         outlast.variant("ffa_3").without("inventory", "heals", "boxes", "give_last", "pickup", "death_drop"),
-        outlast.variant("ffa_3+steering").with_(Maze(), Lidar()).vary(n_agents=outlast.integers(1, 4)),
+        outlast.variant("ffa_3+steering").with_(Maze(), Lidar()).vary(n_agents=outlast.distributions.integers(1, 4)),
         outlast.variant("teams_3").replace(cameras_mode="omniscient", n_agents=6),
         outlast.variant("teams_3").replace(cameras_mode="revealed"),
         hunt.roles(hunter=outlast.role(1, agents_health=300, motors_ahead=0.1), prey=outlast.role()),
@@ -176,7 +176,7 @@ def test_styles_play_every_game(game: Any) -> None:
 def test_names_are_known_wherever_policies_are_named(capsys) -> None:
     names = ", ".join(POLICIES)
     assert set(STYLES) < set(POLICIES)
-    assert all(getattr(outlast, f"{name}_policy") is POLICIES[name] for name in STYLES)
+    assert all(getattr(outlast.policies, f"{name}_policy") is POLICIES[name] for name in STYLES)
     assert parse_lineup("camper:2,healer") == {"camper": 2.0, "healer": 1.0}
     with pytest.raises(UsageError, match=f"kamper: did you mean camper.*{names} or a saved policy"):
         parse_lineup("kamper")
@@ -190,9 +190,9 @@ def test_a_policy_of_another_game_is_refused() -> None:
     """Its numbers would be read from the wrong columns."""
     one, other = outlast.make_vec("ffa_3", 2, seed=0), outlast.make_vec("teams_3", 2, seed=0)
     with pytest.raises(UsageError, match="are of another game than ffa_3, for which this policy was made"):
-        outlast.rollout(other, outlast.scripted_policy(one), steps=3)
+        outlast.rollout(other, outlast.policies.scripted_policy(one), steps=3)
     with pytest.raises(UsageError, match=r"as in scripted_policy\(env\), not for dict: give env.unwrapped"):
-        outlast.rollout("ffa_3", outlast.scripted_policy, steps=3)
+        outlast.rollout("ffa_3", outlast.policies.scripted_policy, steps=3)
 
 
 TEXT = """
@@ -291,8 +291,8 @@ def test_a_scenario_has_policies_of_its_own_wherever_their_names_are_given() -> 
         assert dict(game.policies) == {"scripted": ahead_here, "hunter": ahead}
         env = outlast.make_vec(game, 3, seed=0)
         seen, _ = env.reset()
-        np.testing.assert_array_equal(outlast.scripted_policy(env)(seen), ahead(seen))
-        assert not (np.asarray(outlast.camper_policy(env)(seen)) == ahead(seen)).all()
+        np.testing.assert_array_equal(outlast.policies.scripted_policy(env)(seen), ahead(seen))
+        assert not (np.asarray(outlast.policies.camper_policy(env)(seen)) == ahead(seen)).all()
         env.close()
     options: dict[str, Any] = {"worlds": 4, "seed": 1, "keep": True}
     named = outlast.rollout(OWN, "random", others="scripted:2,hunter", **options).arrays()
@@ -318,7 +318,7 @@ def test_evaluations_and_training_let_a_scenarios_own_policies_play(tmp_path: Pa
 
 
 def camping(env: Any) -> Any:
-    return outlast.camper_policy(env)
+    return outlast.policies.camper_policy(env)
 
 
 @pytest.mark.parametrize(
@@ -369,7 +369,7 @@ def test_what_policies_cannot_read_is_refused(form: dict[str, Any]) -> None:
             outlast.rollout(env, policy, others=others)
     for style in STYLES:
         with pytest.raises(UsageError, match="make another one for it"):
-            getattr(outlast, f"{style}_policy")(env)
+            getattr(outlast.policies, f"{style}_policy")(env)
 
 
 @pytest.mark.parametrize("form", FORMS, ids=str)

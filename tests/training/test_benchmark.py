@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from outlast import integers, variant
+from outlast import variant
+from outlast.distributions import integers
 from outlast.envs.cli.main import main
 from outlast.envs.errors import ScenarioError, UsageError
 

@@ -5,8 +5,10 @@ from typing import Any
 
 import pytest
 
-from outlast import FloorPlan, Level, free, integers, variant
+from outlast import variant
+from outlast.distributions import free, integers
 from outlast.envs.rollout.saved import CHECKPOINT
+from outlast.levels import FloorPlan, Level
 
 pytest.importorskip("torch", reason="needs torch: outlast[train]")
 pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
@@ -126,9 +128,9 @@ def test_levels_go_with_opponents_and_imitation() -> None:
     ("returned", "reason"),
     [
         ([], "what was chosen are no levels: there is none"),
-        (None, "levels = None: a list of outlast.Level is needed"),
-        (Level(), r"levels = Level\(.*: a list of outlast.Level is needed"),
-        ([3], "level 0 is 3: an outlast.Level is needed"),
+        (None, "levels = None: a list of outlast.levels.Level is needed"),
+        (Level(), r"levels = Level\(.*: a list of outlast.levels.Level is needed"),
+        ([3], "level 0 is 3: an outlast.levels.Level is needed"),
         ([Level(), Level({"melee_damage": 99})], r"level 1: melee_damage = 99: it varies as integers\(1, 9\)"),
         ([Level({"melee_reach": 1.0})], "level 0: melee_reach does not vary here"),
     ],

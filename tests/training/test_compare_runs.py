@@ -60,7 +60,7 @@ def groups(*places: Path) -> list[RunGroup]:
 def test_games_that_differ_by_more_than_numbers_are_not_one_group(tmp_path: Path) -> None:
     """By what is drawn, roles, what is observed, the order of systems, or the code of a mechanic: never averaged."""
     duel, strong = variant("ffa_2"), {"hunter": outlast.role(1, melee_damage=50), "prey": outlast.role()}
-    few, many = (duel.vary(melee_damage=outlast.integers(5, most)) for most in (8, 80))
+    few, many = (duel.vary(melee_damage=outlast.distributions.integers(5, most)) for most in (8, 80))
     games = {
         "low": few,
         "high": many,

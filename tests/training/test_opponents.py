@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast import choice, integers, make_vec
+from outlast import make_vec
 from outlast.components import Side
+from outlast.distributions import choice, integers
 from outlast.ecs import Clock, Entity
 from tests.helpers.execution_modes import short
 
@@ -319,7 +320,7 @@ def test_worlds_are_played_the_same_in_any_batch_and_agents_without_teams_are_si
     small, large = (make(worlds=n, rollout=n * 40, opponents={"self": 1.0, "scripted": 1.0}) for n in (4, WORLDS))
     one, two = small.collect().actions, large.collect().actions
     assert np.array_equal(one, two[:, : one.shape[1]])
-    scenario = outlast.variant("ffa_1").vary(n_agents=outlast.integers(2, 5))
+    scenario = outlast.variant("ffa_1").vary(n_agents=outlast.distributions.integers(2, 5))
     for seed in range(3):  # the first world may have fewer
         trainer = make(seed=seed, scenario=scenario, policies="side", opponents={"self": 1.0})
         assert trainer.team.tolist() == [0, 1, 2, 3, 4]

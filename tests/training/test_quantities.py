@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast import Scenario, choice, integers, make_vec, variant
+from outlast import Scenario, make_vec, variant
 from outlast.components import Item, Phase, Side
+from outlast.distributions import choice, integers
 from outlast.ecs import Array, Entity, Module, Read, Rows, Statistic, Write, column
 from tests.conftest import draw_actions
 from tests.helpers.beasts import Beasts
@@ -255,7 +256,7 @@ def test_a_game_without_melee_is_trained_and_its_plot_says_what_numbers_are_of(t
 
 
 def test_figures_of_agents_are_means_over_episodes_however_many_agents_they_have() -> None:
-    game = variant("teams_2").vary(n_agents=outlast.integers(2, 4)).replace(ending_limit=60)
+    game = variant("teams_2").vary(n_agents=outlast.distributions.integers(2, 4)).replace(ending_limit=60)
     found = outlast.evaluate(game.with_(Steps()), ["scripted", "noop"], episodes=24, worlds=8, quiet=True)
     (match,) = (pairing.results for pairing in found.pairings if pairing.pair == (0, 1))
     lived = match.figures["lived"][:, :, 0]

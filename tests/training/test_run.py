@@ -17,8 +17,9 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast import choice, variant
+from outlast import variant
 from outlast.components import OthersView, Phase, Reward, SelfView, Side
+from outlast.distributions import choice
 from outlast.ecs import Entity, Field, Module, Offset, Read, Rows, Singleton, Write, column, number
 from outlast.envs.errors import StateError, UsageError
 from outlast.envs.rollout.saved import CHECKPOINT, common_scenario, newest

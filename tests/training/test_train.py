@@ -86,7 +86,7 @@ def test_settings_are_texts_or_what_they_stand_for(tmp_path: Path, monkeypatch) 
     ],
 )
 def test_mistakes_are_refused_before_anything_is_made(tmp_path: Path, wrong: dict[str, Any], words: str) -> None:
-    with pytest.raises((NumberError, UsageError, outlast.ScenarioError), match=words):
+    with pytest.raises((NumberError, UsageError, outlast.errors.ScenarioError), match=words):
         outlast.train("ffa_1", tmp_path / "run", **wrong)
     assert not (tmp_path / "run").exists()
 
@@ -108,7 +108,7 @@ def test_whole_rollouts_are_said_before_they_are_collected() -> None:
     assert str(work(100)) == f"100 agent-steps, rounded up to one rollout of 65,536 {sizes}"
     assert str(work(10**7)) == f"10,000,000 agent-steps in 153 rollouts of 65,536 {sizes}"
     assert (work(100).total, work(10**7).total, work(65_537).total) == (65_536, 153 * 65_536, 131_072)
-    varied = outlast.variant("ffa_2").vary(n_agents=outlast.integers(2, 3))
+    varied = outlast.variant("ffa_2").vary(n_agents=outlast.distributions.integers(2, 3))
     asked = TrainingConfig(varied, steps=8192, worlds=8, rollout=1024)
     assert str(Workload.of(asked)) == "8,192 agent-steps in 3 rollouts of 3,072 (8 worlds x 128 steps x 3 agents)"
     partly = work(10**7, opponents={"self": 0.5, "scripted": 0.5})  # steps of opponents count

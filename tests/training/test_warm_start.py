@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from outlast import integers
+from outlast.distributions import integers
 from outlast.ecs import NumberError
 from outlast.envs.rollout.saved import CHECKPOINT
 from outlast.envs.scenarios.fingerprint import fingerprint

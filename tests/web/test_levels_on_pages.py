@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast import integers, role
+from outlast import role
 from outlast.components import End
+from outlast.distributions import integers
 from outlast.envs.core.agents import present, side
 from outlast.envs.errors import PlayError
 from outlast.envs.inspect.observation_text import observation_text

@@ -59,7 +59,7 @@ def test_many_episodes_do_not_widen_the_page(look: Any, compiled: None, tmp_path
 
 
 def test_absent_agents_cannot_be_followed(look: Any, compiled: None, tmp_path: Path) -> None:
-    few = outlast.variant("ffa_1").replace(n_agents=6).vary(n_agents=outlast.choice(3, 6))
+    few = outlast.variant("ffa_1").replace(n_agents=6).vary(n_agents=outlast.distributions.choice(3, 6))
     env, same = (outlast.make_vec(few, 8, seed=0) for _ in range(2))
     same.reset()
     there = present(same.worlds).sum(1).tolist()

@@ -10,10 +10,11 @@ from typing import Any
 
 from outlast.ecs.kernels.available import available_cores
 from outlast.envs.cli.grammar import Parser
-from outlast.envs.cli.options import STOPPED, count, output, positive, seed
+from outlast.envs.cli.options import STOPPED, add_options, count, output, positive, seed
 from outlast.envs.progress import Progress, duration
 from outlast.envs.text_table import terminal_width, text_table
 
+from ..base.config import TrainingConfig
 from ..base.errors import TrainingError, needed
 from ..base.files import check_out
 from ..base.hyperparameters import parse_hyperparameters
@@ -64,12 +65,8 @@ def add(commands: Any) -> None:
     command.add_argument("--budget", type=positive, default=BUDGETS["10M"], metavar="N", help=text)
     text = f"run, anchors: games of each match (default {GAMES}, as in both tracks)"
     command.add_argument("--games", type=_games, default=GAMES, metavar="N", help=text)
-    text = "run: whom a preset plays against in training, as in `outlast train` (default self)"
-    command.add_argument("--opponents", metavar="NAME:WEIGHT,...", help=text)
-    text = "run: change a number of PPO in the training of a preset, as in gamma=0.999 (can be repeated)"
-    command.add_argument("--ppo", action="append", default=[], metavar="NAME=VALUE", help=text)
-    text = "run: how many numbers each agent of a preset remembers from step to step (default: no memory)"
-    command.add_argument("--memory", type=positive, metavar="N", help=text)
+    trained = ("settings", "memory", "opponents")
+    add_options(command, TrainingConfig, trained, "run, of a preset: ", opponents={"default": None})
     text = "anchors: checkpoints, or folders of runs, of which those at 10, 30 and 100 %% of the run are taken"
     command.add_argument("--policies", type=Path, nargs="+", default=[], metavar="PATH", help=text)
     text = (

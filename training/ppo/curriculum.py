@@ -69,7 +69,7 @@ class Curriculum:
         except NumberError:
             raise TrainingError(
                 f"{env.scenario.name} has no levels to choose, as it draws no numbers, walls or roles: vary some, as "
-                "by scenario.vary(melee_damage=outlast.integers(5, 20)), or leave out levels"
+                "by scenario.vary(melee_damage=outlast.distributions.integers(5, 20)), or leave out levels"
             ) from None
 
     def ask(self, progress: TrainingProgress) -> None:

@@ -1,0 +1,33 @@
+from . import adapters as adapters
+from . import components as components
+from . import distributions as distributions
+from . import drawing as drawing
+from . import ecs as ecs
+from . import errors as errors
+from . import levels as levels
+from . import policies as policies
+from . import queries as queries
+from . import systems as systems
+from .ecs.declarations.roles import role as role
+from .envs.api.check import check as check
+from .envs.api.film import film as film
+from .envs.api.make import make_vec as make_vec
+from .envs.api.play import play as play
+from .envs.api.rollout import rollout as rollout
+from .envs.core.vector_env import SurvivalVectorEnv as SurvivalVectorEnv
+from .envs.recording import Recording as Recording
+from .envs.recording import Replay as Replay
+from .envs.recording import record as record
+from .envs.rendering.rgb import draw as draw
+from .envs.scenarios.ablations import ABLATIONS as ABLATIONS
+from .envs.scenarios.scenario import Scenario as Scenario
+from .envs.scenarios.variants import VARIANTS as VARIANTS
+from .envs.scenarios.variants import variant as variant
+from .envs.snapshots.state import State as State
+from .envs.web.replay import replay_page as replay_page
+from .training.arena.evaluation import evaluate as evaluate
+from .training.plots.plot import plot as plot
+from .training.policies.player import load_policy as load_policy
+from .training.runs.train import train as train
+
+__version__: str
