@@ -11,7 +11,7 @@ from outlast.ecs.kernels.errors import NumberError, OutlastError
 
 
 def install(extra: str) -> str:
-    """Return the command that installs an extra, with versions: "pip install 'outlast[play]' (websockets>=14)".
+    """Return the command that installs an extra, with versions: "pip install 'outlast[view]' (websockets>=14)".
 
     Wherever outlast was installed from, pip finds it installed, and needs an index only for what is missing.
     """

@@ -32,7 +32,7 @@ def play(
     record: str | os.PathLike[str] | None = None,
     **numbers: Number,
 ) -> None:
-    """Serve a page in which a person controls an agent, until Ctrl-C. Needs `pip install 'outlast[play]'`.
+    """Serve a page in which a person controls an agent, until Ctrl-C. Needs `pip install 'outlast[view]'`.
 
     >>> outlast.play("teams_3", others="runs/teams_3-fast-0/steps_0010000000.zip", record="game.rec")
 
@@ -69,7 +69,7 @@ def play(
         from ..web.play.server import play as serve
     except ModuleNotFoundError as error:
         package = str(error.name).partition(".")[0]
-        raise PlayError(f"outlast play needs {package}: {install('play')}") from error
+        raise PlayError(f"outlast play needs {package}: {install('view')}") from error
     _check(fps, port)
     site = Site(port, host, (allow_hosts,) if isinstance(allow_hosts, str) else tuple(allow_hosts))
     entries = entries_of(others)

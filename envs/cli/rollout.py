@@ -53,8 +53,8 @@ def add(commands: Any) -> None:
     text = "run a policy in many worlds and print the episodes' statistics"
     command = commands.add_parser("rollout", help=text, description=description, examples=examples)
     add_scenario(command)
-    files = {"csv": {"type": written(_check_csv)}, "events": {"type": written(_check_events)}}
-    add_options(command, RolloutOptions, **files)
+    csv, events = ({"type": written(check)} for check in (_check_csv, _check_events))
+    add_options(command, RolloutOptions, csv=csv, events=events)
     output = command.group(OUTPUT)
     text = "write the statistics and the options of the rollout to a new file, NAME.json; with -, print them instead "
     text += "of the table"

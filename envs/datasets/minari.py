@@ -35,7 +35,7 @@ try:
     from minari.namespace import create_namespace, list_local_namespaces
     from minari.storage.datasets_root_dir import get_dataset_path
 except ModuleNotFoundError as error:
-    raise ModuleNotFoundError(f"Minari datasets need Minari: {install('minari')}", name=error.name) from error
+    raise ModuleNotFoundError(f"Minari datasets need Minari: {install('data')}", name=error.name) from error
 
 
 ROOT = "MINARI_DATASETS_PATH"  # the environment variable with the folder of Minari's datasets

@@ -78,7 +78,7 @@ def _downloaded(address: str, file: str, sha256: str, what: str) -> Path:
     try:
         import pooch  # imported here, as a checkout needs none
     except ModuleNotFoundError as error:
-        raise UsageError(f"{what} is downloaded by {error.name}: {install('models')}") from error
+        raise UsageError(f"{what} is downloaded by {error.name}: {install('train')}") from error
     folder = cache_folders().writable
     if folder is None:
         raise UsageError(f"{what} has no folder to be downloaded to: name one in OUTLAST_CACHE_DIR")

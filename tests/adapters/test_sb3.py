@@ -389,7 +389,7 @@ def test_ppo_keeps_what_its_agents_saw() -> None:
 
 def test_maskable_ppo_draws_what_the_masks_leave() -> None:
     """The masks of its rollout are those of the worlds in which it acted."""
-    contrib = pytest.importorskip("sb3_contrib", reason="sb3-contrib is not installed: pip install 'outlast[contrib]'")
+    contrib = pytest.importorskip("sb3_contrib", reason="sb3-contrib is not installed: pip install 'outlast[sb3]'")
     scenario, steps = SHORT.replace(melee_cooldown=5), scaled(40, least=24)
     env, reference = (make_sb3(scenario, WORLDS, seed=0, observations="flat") for _ in range(2))
     agents, form = env.num_envs, {"n_steps": steps, "batch_size": steps * env.num_envs, "n_epochs": 1, "seed": 4}
@@ -440,7 +440,7 @@ def test_continuous_actions_are_those_of_the_worlds(algorithm: str) -> None:
 @pytest.mark.parametrize(("algorithm", "steps"), [("ppo", 400_000), ("maskable", 400_000), ("recurrent", 800_000)])
 def test_ppo_learns(algorithm: str, steps: int) -> None:
     """The example of the documents: a trained agent lives far longer, and by many standard errors."""
-    pytest.importorskip("sb3_contrib", reason="sb3-contrib is not installed: pip install 'outlast[contrib]'")
+    pytest.importorskip("sb3_contrib", reason="sb3-contrib is not installed: pip install 'outlast[sb3]'")
     before, after = runpy.run_path(str(EXAMPLE))["main"](steps, algorithm=algorithm)
     error = np.hypot(before.std(), after.std()) / np.sqrt(len(after))
     assert after.mean() > before.mean() + max(6 * error, 30)

@@ -124,7 +124,7 @@ def test_stable_baselines_train(name: str, form: dict[str, Any], one_torch_threa
 @pytest.mark.parametrize(("form", "dead"), forms(DEAD))
 def test_minari(dead: str, form: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A dataset that its collector makes, from an environment that the dataset recovers."""
-    minari = pytest.importorskip("minari", reason="needs Minari: outlast[minari]")
+    minari = pytest.importorskip("minari", reason="needs Minari: outlast[data]")
     pytest.importorskip("jax", reason="needs JAX, as Minari's collector does: outlast[test-ray]")
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
     env = minari.DataCollector(gymnasium.make("outlast/Teams3-v1", dead=dead, max_episode_steps=CYCLES, **form))

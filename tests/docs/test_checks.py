@@ -24,7 +24,7 @@ def report(tmp_path: Path) -> Path:
         "def test_four(): pass\n"
     )
     (tmp_path / "test_more.py").write_text(
-        "import pytest\npytest.importorskip('no_such_library', reason='needs it: outlast[notebooks,sb3]')\n"
+        "import pytest\npytest.importorskip('no_such_library', reason='needs it: outlast[docs,sb3]')\n"
     )
     path = tmp_path / "report.xml"
     command = [sys.executable, "-m", "pytest", "-q", f"--junitxml={path}", "--rootdir=.", "."]

@@ -36,7 +36,7 @@ def printed(path: Path) -> list[str]:
 def test_notebooks_run(tmp_path: Path) -> None:
     """From the first cell to the last, and the first one prints what is stored; the second one trains less here."""
     for library in ("nbclient", "ipykernel", "matplotlib", "torch"):
-        pytest.importorskip(library, reason=f"needs {library}: outlast[notebooks,train]")
+        pytest.importorskip(library, reason=f"needs {library}: outlast[docs,train]")
     command = [sys.executable, FOLDER.with_suffix(".py"), "--steps", "100000", "--out", tmp_path]
     done = subprocess.run(list(map(str, command)), capture_output=True, text=True)
     assert done.returncode == 0, done.stderr[-3000:]

@@ -358,7 +358,7 @@ def test_documented_extras_exist() -> None:
             text = path.read_text("utf-8")
             named |= set(re.findall(r"pip install (?:-\S+ )*'(?:outlast|\.)\[(\w[\w-]*)\]'", text))
             named |= set(re.findall(r"install\('([\w-]+)'\)", text))  # envs.errors.install, in messages
-    assert named > {"train", "video", "test"}
+    assert named > {"train", "view", "test"}
     extras = PROJECT["project"]["optional-dependencies"].keys()
     assert named <= extras
     page = (ROOT / "docs" / "troubleshooting.md").read_text("utf-8")

@@ -287,7 +287,7 @@ def test_pictures_are_those_of_the_script(name: str, monkeypatch: pytest.MonkeyP
 @pytest.mark.by_day(4)
 def test_films_are_those_of_the_commands(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """To update one: the command of the page, or python docs/pictures.py NAME"""
-    pytest.importorskip("imageio_ffmpeg", reason="a .gif needs FFmpeg: outlast[video]")
+    pytest.importorskip("imageio_ffmpeg", reason="a .gif needs FFmpeg: outlast[view]")
     command = films()[name]
     monkeypatch.chdir(ROOT)
     assert main([*command[:-1], str(tmp_path / name), "--quiet"]) == 0

@@ -373,7 +373,7 @@ def test_minari_of_a_game_in_which_agents_come_back(tmp_path: Path, monkeypatch:
 
 @pytest.mark.parametrize(
     ("module", "library", "name", "extra"),
-    [("minari", "minari", "minari:outlast/none-v0", "minari"), ("parquet", "pyarrow", "none.parquet", "data")],
+    [("minari", "minari", "minari:outlast/none-v0", "data"), ("parquet", "pyarrow", "none.parquet", "data")],
 )
 def test_without_the_library_the_error_names_the_cure(
     capsys: Any, recorded: tuple[Path, list[Step]], monkeypatch: Any, module: str, library: str, name: str, extra: str
@@ -396,7 +396,7 @@ def test_a_place_that_cannot_be_written_is_one_sentence(
 def test_the_folder_of_minari_is_named_where_it_cannot_be(
     capsys: Any, recorded: tuple[Path, list[Step]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    pytest.importorskip("minari", reason="needs Minari: outlast[minari]")
+    pytest.importorskip("minari", reason="needs Minari: outlast[data]")
     (tmp_path / "file").touch()
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "file" / "root"))
     status, _, err = export(capsys, recorded[0], "minari:own-v0")

@@ -152,7 +152,7 @@ def test_ticks_of_a_page_are_whole_numbers(tmp_path: Path) -> None:
 def test_a_dataset_has_samples(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     path = recorded(tmp_path / "a.rec", "ffa_1")
     if name.startswith("minari"):
-        pytest.importorskip("minari", reason="needs Minari: outlast[minari]")
+        pytest.importorskip("minari", reason="needs Minari: outlast[data]")
     if name.endswith(".parquet"):
         pytest.importorskip("pyarrow", reason="needs pyarrow: outlast[data]")
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "minari"))

@@ -101,7 +101,7 @@ def test_requests_to_save_reach_the_inner_of_two_contexts() -> None:
 
 def test_children_keep_their_status_where_sigchld_is_ignored() -> None:
     """As in Ray's workers: without that, a process that failed counts as a success, and one that ended as alive."""
-    pytest.importorskip("imageio_ffmpeg", reason="needs imageio-ffmpeg: outlast[video]")
+    pytest.importorskip("imageio_ffmpeg", reason="needs imageio-ffmpeg: outlast[view]")
     before = signal.signal(signal.SIGCHLD, signal.SIG_IGN)
     try:
         with children_awaited():

@@ -351,7 +351,7 @@ def test_files_are_complete_whatever_becomes_of_what_is_printed(tmp_path: Path, 
 
 @needs_bash
 def test_any_encoding_and_closed_streams_will_do(tmp_path: Path) -> None:
-    pytest.importorskip("imageio_ffmpeg", reason="needs imageio-ffmpeg: outlast[video]")
+    pytest.importorskip("imageio_ffmpeg", reason="needs imageio-ffmpeg: outlast[view]")
     rollout = "$O rollout ffa_2 --worlds 2 --others random"
     assert outlast_in_shell(f"{rollout} --quiet", tmp_path, PYTHONIOENCODING="ascii") == (0, "")
     assert outlast_in_shell(f"{rollout} --csv a.csv 2>&- >&-", tmp_path)[0] == 0

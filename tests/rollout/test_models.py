@@ -73,7 +73,7 @@ class Server:
 @pytest.fixture
 def server(monkeypatch, tmp_path: Path) -> Iterator[Server]:
     """A server of the results, which is the address of models, and an empty cache."""
-    pytest.importorskip("pooch", reason="needs pooch: outlast[models]")
+    pytest.importorskip("pooch", reason="needs pooch: outlast[train]")
     if not RESULTS.is_dir():
         pytest.skip("results are not part of this archive")
     found = Server(RESULTS)
@@ -299,5 +299,5 @@ def test_without_torch_the_message_names_the_cure() -> None:
     command = [sys.executable, "-c", code, "rollout", "ffa_1", "--policy", "a.zip"]
     result = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert result.returncode == 2
-    cure = "pip install 'outlast[train]' (safetensors>=0.4.3, tensorboard>=2.16, torch>=2.4)"
+    cure = "pip install 'outlast[train]' (pooch>=1.8, safetensors>=0.4.3, tensorboard>=2.16, torch>=2.4)"
     assert result.stderr == f"outlast: a.zip needs torch: {cure}\n"

@@ -47,7 +47,7 @@ def test_as_many_run_at_once_as_there_are_cores_for_this_process(
 ) -> None:
     """As in a job of 5 of 128 cores."""
     for needed in ("matplotlib", "imageio_ffmpeg") if words.startswith("reproduce") else ():
-        pytest.importorskip(needed, reason=f"needs {needed}: outlast[plot,video]")
+        pytest.importorskip(needed, reason=f"needs {needed}: outlast[plot,view]")
     monkeypatch.setattr(os, "sched_getaffinity", lambda process: {3, 5, 8, 13, 21})
     monkeypatch.setattr(os, "cpu_count", lambda: 128)
     found: list[int] = []

@@ -93,8 +93,8 @@ def test_the_plan_ends_when_its_last_run_does(
 @pytest.mark.parametrize(
     ("library", "message"),
     [
-        ("imageio_ffmpeg", "the films need FFmpeg: pip install 'outlast[train,plot,video]'"),
-        ("matplotlib", "this needs matplotlib: pip install 'outlast[train,plot,video]'"),
+        ("imageio_ffmpeg", "the films need FFmpeg: pip install 'outlast[train,plot,view]'"),
+        ("matplotlib", "this needs matplotlib: pip install 'outlast[train,plot,view]'"),
     ],
 )
 def test_what_films_and_figures_need_is_missed_before_anything_is_trained(

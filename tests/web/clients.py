@@ -16,7 +16,7 @@ from outlast.components import Body, Heal, Side
 from outlast.ecs import Entity
 from outlast.envs.rendering.style import HEAL, of_side
 
-pytest.importorskip("websockets", reason="websockets is not installed: pip install 'outlast[play]'")
+pytest.importorskip("websockets", reason="websockets is not installed: pip install 'outlast[view]'")
 from websockets.sync.client import connect
 
 from outlast.envs.web.play.server import play  # as it needs websockets

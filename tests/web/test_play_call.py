@@ -11,7 +11,7 @@ import outlast
 from outlast.components import Side
 from outlast.envs.errors import PlayError, ScenarioError, UsageError
 
-pytest.importorskip("websockets", reason="websockets is not installed: pip install 'outlast[play]'")
+pytest.importorskip("websockets", reason="websockets is not installed: pip install 'outlast[view]'")
 from outlast.envs.web.gate import Site
 from outlast.envs.web.play import server
 from outlast.envs.web.play.game import Game

@@ -20,7 +20,7 @@ from ..runs.child_runs import ChildRun, side_by_side
 from ..runs.live_view import LiveView
 
 Plan = list[tuple[Experiment, int]]  # with a seed
-EXTRAS = "train,plot,video"
+EXTRAS = "train,plot,view"
 TIMED_ON = "as timed on one core of an AMD EPYC (Zen 3)"
 
 

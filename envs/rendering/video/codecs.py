@@ -69,7 +69,7 @@ def write_webm(path: Path, frames: Iterator[Image], fps: int) -> None:
     level = cv2.utils.logging.setLogLevel(LOG_ERRORS)
     try:
         if not writer.isOpened():
-            raise FilmError(f"this OpenCV cannot write VP8: {install('video')} and write .mp4")
+            raise FilmError(f"this OpenCV cannot write VP8: {install('view')} and write .mp4")
         for frame in itertools.chain([first], frames):
             writer.write(np.ascontiguousarray(frame[..., ::-1]))
     finally:
@@ -189,7 +189,7 @@ def find_ffmpeg(suffix: str) -> str:
         return str(import_module("imageio_ffmpeg").get_ffmpeg_exe())
     except (ModuleNotFoundError, RuntimeError) as error:
         raise FilmError(
-            f"{suffix} needs FFmpeg: {install('video')}; or write .webm or .apng, which need nothing"
+            f"{suffix} needs FFmpeg: {install('view')}; or write .webm or .apng, which need nothing"
         ) from error
 
 

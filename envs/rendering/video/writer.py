@@ -30,7 +30,7 @@ def write_film(path: str | os.PathLike[str], frames: Iterable[Image], fps: int =
     was there before. If the path is a link, what it leads to is replaced.
 
     Args:
-        path: .mp4 (H.264, plays everywhere) and .gif (one palette, no dithering) need `pip install 'outlast[video]'`;
+        path: .mp4 (H.264, plays everywhere) and .gif (one palette, no dithering) need `pip install 'outlast[view]'`;
             .webm (VP8) and .apng (lossless) do not. A path without a suffix, or of an existing folder, is a folder of
             pictures, frame_000000.png and so on; pictures of an earlier film in it go first.
         frames: uint8 (height, width, 3) RGB, all of one size, at least one. They are written as they come; for a .gif
