@@ -5,6 +5,7 @@ python -m tests.options --write   write signatures and docstrings anew, after an
 """
 
 import ast
+import dataclasses
 import itertools
 import re
 import sys
@@ -13,6 +14,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from outlast import systems
+from outlast.ecs import Module
 from outlast.envs.api import options as api
 from outlast.envs.core.options import WorldOptions, argument_of, default_of, flag_of, options_of
 from outlast.training.base import config
@@ -40,6 +43,8 @@ FUNCTIONS = {
     (ROOT / "envs/adapters/torchrl.py", "make_torchrl"): (*WORLDS, {"seed", "actions", "observations"}),
     (ROOT / "envs/adapters/pettingzoo.py", "parallel_env"): (*WORLDS, {"seed", "render_mode", "action_masks"}),
 }
+STUB = ROOT / "envs/scenarios/known_numbers.pyi"
+NUMBERS = {int: "float", float: "float", bool: "bool", str: "str"}  # integers may be floats: 1e3
 WHOLE = ("train", "evaluate", "plot", "make_vec", "rollout", "film", "play", "check")
 COMMANDS = (*ROOT.glob("envs/cli/*.py"), *ROOT.glob("training/cli/*.py"))
 
@@ -107,6 +112,20 @@ def written(path: Path, function: str) -> str:
     return before + head + docstring + after
 
 
+def numbers_stub() -> str:
+    """The stub that lists the numbers of outlast's mechanics."""
+    kinds = [each for name in systems.__all__ if isinstance(each := getattr(systems, name), type)]
+    modules = [each for each in kinds if issubclass(each, Module)]
+    found = {f"{kind.name}_{item.name}": item for kind in modules for item in dataclasses.fields(kind)}
+    types = {name: NUMBERS.get(item.type, "Sequence[float]") for name, item in found.items()}
+    types |= {f"n_{name.removesuffix('_count')}": "float" for name in found if name.endswith("_count")}
+    lines = "".join(f"    {name}: {types[name]}\n" for name in sorted(types))
+    head = (
+        "from collections.abc import Sequence\nfrom typing import TypedDict\n\nclass Numbers(TypedDict, total=False):\n"
+    )
+    return head + lines
+
+
 def places() -> dict[str, list[str]]:
     """By option, with its class, the places where it is declared, or a flag is added by hand."""
     found, flags = dict[str, list[str]](), dict[str, list[str]]()
@@ -129,11 +148,13 @@ def places() -> dict[str, list[str]]:
 def main() -> int:
     """List, or write; the exit status is 1 if an option has two places, or a function is not as it has to be."""
     stale = {path: function for path, function in FUNCTIONS if written(path, function) != path.read_text()}
+    if (stub := numbers_stub()) != (STUB.read_text() if STUB.exists() else ""):
+        stale[STUB] = STUB.name
     for name, where in (found := places()).items():
         print(f"{name:28} {len(where)}  {', '.join(where)}")
     if stale and "--write" in sys.argv[1:]:
         for path, function in stale.items():
-            path.write_text(written(path, function))
+            path.write_text(stub if path == STUB else written(path, function))
     elif stale:
         print(f"not as declared: {', '.join(stale.values())}; run `python -m tests.options --write`")
     return int(any(len(where) > 1 for where in found.values()) or (bool(stale) and "--write" not in sys.argv[1:]))

@@ -1,14 +1,15 @@
 """A vector environment in which every agent of every world is a sub-environment: for agents that share one policy."""
 
-from typing import Any
+from typing import Any, Unpack
 
 from gymnasium.vector import AutoresetMode
 
 from ..core.agents import present
 from ..core.spaces import statistics
 from ..core.validation import Array
+from ..scenarios.known_numbers import Numbers
 from ..scenarios.parse import checks_keywords
-from ..scenarios.scenario import Number, Scenario
+from ..scenarios.scenario import Scenario
 from .per_agent import PerAgentVectorEnv, requested
 
 
@@ -70,7 +71,7 @@ def make_agents(
     observations: str = "dict",
     scaled: bool = False,
     action_masks: bool = False,
-    **numbers: Number,
+    **numbers: Unpack[Numbers],
 ) -> SurvivalAgentVectorEnv:
     """Make a gymnasium VectorEnv whose sub-environments are all agents of `num_worlds` worlds.
 

@@ -1,6 +1,6 @@
 """One agent of every world learns, the others follow a policy: the vector environment behind gymnasium.make_vec."""
 
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
@@ -14,7 +14,8 @@ from ..core.validation import Array, check_choice, check_count
 from ..errors import ActionError
 from ..rendering.modes import RENDER_MODES
 from ..rollout.lineup import Lineup, Others, entries_of
-from ..scenarios.scenario import Number, Scenario
+from ..scenarios.known_numbers import Numbers
+from ..scenarios.scenario import Scenario
 from .per_agent import PerAgentVectorEnv, check_dead, requested
 
 HUMAN = "; for a window wrap 'rgb_array' in gymnasium.wrappers.vector.HumanRendering"
@@ -80,7 +81,7 @@ class SurvivalLearnerVectorEnv(PerAgentVectorEnv):
         observations: str = "dict",
         scaled: bool = False,
         action_masks: bool = False,
-        **numbers: Number,
+        **numbers: Unpack[Numbers],
     ) -> None:
         check_count("num_envs", num_envs, 1)
         check_choice("render_mode", render_mode, (None, *RENDER_MODES), HUMAN)

@@ -2,7 +2,7 @@
 
 import copy
 from functools import partial
-from typing import Any
+from typing import Any, Unpack
 
 import gymnasium
 import numpy as np
@@ -15,7 +15,8 @@ from ..rendering.modes import FPS, RENDER_MODES
 from ..rendering.notebook import Pictured
 from ..rendering.window import Window
 from ..rollout.lineup import Others, copied_others
-from ..scenarios.scenario import Number, Scenario
+from ..scenarios.known_numbers import Numbers
+from ..scenarios.scenario import Scenario
 from ..snapshots.state import State
 from .gymnasium_learners import SurvivalLearnerVectorEnv
 from .per_agent import requested
@@ -89,7 +90,7 @@ class SurvivalEnv(Pictured, gymnasium.Env[Observation, Array]):
         observations: str = "dict",
         scaled: bool = False,
         action_masks: bool = False,
-        **numbers: Number,
+        **numbers: Unpack[Numbers],
     ) -> None:
         check_choice("render_mode", render_mode, (None, *RENDER_MODES, "human"))
         scenario = requested(type(self).__init__, scenario, numbers)

@@ -1,6 +1,6 @@
 """The base of adapters in which each agent, rather than each world, is a sub-environment."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from typing import Any
 
@@ -21,7 +21,7 @@ from ..core.vector_env import SurvivalVectorEnv
 from ..errors import FaultError, NotResetError
 from ..rendering.notebook import Pictured
 from ..scenarios.parse import options_of, resolve
-from ..scenarios.scenario import Number, Scenario
+from ..scenarios.scenario import Scenario
 from ..snapshots.state import State
 
 DEAD = ("end", "keep")  # whether an agent's death ends its episode, or it stays until its world ends
@@ -35,21 +35,22 @@ def check_dead(dead: str, worlds: Worlds) -> None:
 
 
 def requested(
-    make: Callable[..., Any], scenario: str | Scenario, numbers: dict[str, Number], max_episode_steps: int | None = None
+    make: Callable[..., Any], scenario: str | Scenario, numbers: Mapping[str, Any], max_episode_steps: int | None = None
 ) -> Scenario:
     """Return the scenario that the factory `make` was called with; its time limit becomes the number ending_limit."""
-    if (dead := numbers.pop("dead", "keep")) != "keep":  # for factories that have no keyword `dead`
+    given = dict(numbers)
+    if (dead := given.pop("dead", "keep")) != "keep":  # for factories that have no keyword `dead`
         cure = "gymnasium.make, gymnasium.make_vec, parallel_env and SurvivalMultiAgentEnv have dead='end'"
         raise ValueError(f"dead = {dead!r}: 'keep' is needed, as all agents of a world end together here; {cure}")
     if max_episode_steps is not None:
         check_count("max_episode_steps", max_episode_steps, 1)
-        if "ending_limit" in numbers:
+        if "ending_limit" in given:
             raise ValueError("max_episode_steps and ending_limit are the same number: give one of them")
         scenario = resolve(scenario)
         if "ending_limit" not in scenario.numbers():
             raise NumberError(f"max_episode_steps: {scenario.name} has no mechanic Ending, whose ending_limit that is")
-        numbers = numbers | {"ending_limit": max_episode_steps}
-    return resolve(scenario, numbers, options_of(make))
+        given["ending_limit"] = max_episode_steps
+    return resolve(scenario, given, options_of(make))
 
 
 class PerAgentVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):

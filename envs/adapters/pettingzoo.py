@@ -3,7 +3,7 @@
 import copy
 from collections.abc import Iterable, Mapping
 from functools import partial
-from typing import Any, Self
+from typing import Any, Self, Unpack
 
 import numpy as np
 from gymnasium import spaces
@@ -22,7 +22,8 @@ from ..errors import ActionError, NotResetError, install
 from ..rendering import modes
 from ..rendering.notebook import Pictured
 from ..rendering.window import Window
-from ..scenarios.scenario import Number, Scenario
+from ..scenarios.known_numbers import Numbers
+from ..scenarios.scenario import Scenario
 from ..snapshots.state import State
 from .per_agent import check_dead, requested
 
@@ -338,7 +339,7 @@ def parallel_env(
     observations: str = "dict",
     scaled: bool = False,
     action_masks: bool | str = False,
-    **numbers: Number,
+    **numbers: Unpack[Numbers],
 ) -> SurvivalParallelEnv:
     """Make one world for PettingZoo's learners and wrappers.
 

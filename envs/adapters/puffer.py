@@ -1,6 +1,6 @@
 """PufferLib: all agents of many worlds as one native PufferEnv, which writes into PufferLib's own arrays."""
 
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -11,8 +11,9 @@ from ..core.vector_env import SurvivalVectorEnv
 from ..errors import install
 from ..rendering.modes import RENDER_MODES, render_world
 from ..rendering.notebook import Pictured
+from ..scenarios.known_numbers import Numbers
 from ..scenarios.parse import checks_keywords
-from ..scenarios.scenario import Number, Scenario
+from ..scenarios.scenario import Scenario
 from ..snapshots.state import State
 from .per_agent import requested
 
@@ -38,7 +39,7 @@ def make_puffer(
     actions: str = "multi",
     scaled: bool = False,
     buf: dict[str, Array] | None = None,
-    **numbers: Number,
+    **numbers: Unpack[Numbers],
 ) -> "SurvivalPufferEnv":
     """Make all agents of `num_worlds` worlds for PufferLib, directly or through its vector.make.
 

@@ -1,7 +1,7 @@
 """Stable-Baselines3: every agent of every world is a sub-environment of a VecEnv."""
 
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -10,8 +10,9 @@ from ..core.validation import Array, as_array, check_count, keys
 from ..errors import PendingError, install
 from ..rendering.notebook import Pictured
 from ..rendering.window import Window
+from ..scenarios.known_numbers import Numbers
 from ..scenarios.parse import checks_keywords
-from ..scenarios.scenario import Number, Scenario
+from ..scenarios.scenario import Scenario
 from ..snapshots.state import State
 from .gymnasium_agents import SurvivalAgentVectorEnv
 from .per_agent import requested
@@ -39,7 +40,7 @@ def make_sb3(
     actions: str = "multi",
     observations: str = "dict",
     scaled: bool = False,
-    **numbers: Number,
+    **numbers: Unpack[Numbers],
 ) -> "SurvivalVecEnv":
     """Make all agents of `num_worlds` worlds for Stable-Baselines3.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations  # the site is built with stand-ins for TorchRL's classes, which lack "|"
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from gymnasium import spaces
@@ -18,8 +18,9 @@ from ..core.validation import Array, check_choice, keys
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import install
 from ..rendering.notebook import Pictured
+from ..scenarios.known_numbers import Numbers
 from ..scenarios.parse import checks_keywords
-from ..scenarios.scenario import Number, Scenario
+from ..scenarios.scenario import Scenario
 from .per_agent import requested
 
 try:
@@ -52,7 +53,7 @@ def make_torchrl(
     observations: str = "flat",
     scaled: bool = False,
     device: Any = "cpu",
-    **numbers: Number,
+    **numbers: Unpack[Numbers],
 ) -> SurvivalTorchEnv:
     """Make many worlds for TorchRL.
 

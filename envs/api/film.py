@@ -5,7 +5,7 @@ import logging
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 from outlast.ecs import Worlds
 from outlast.ecs.kernels.integers import is_whole
@@ -22,8 +22,9 @@ from ..rendering.video.footage import check_pictures
 from ..rendering.video.writer import check_film, ending
 from ..rollout.lineup import Other, Others, entries_of
 from ..rollout.local import ticks
+from ..scenarios.known_numbers import Numbers
 from ..scenarios.parse import checks_keywords, options_of, resolve
-from ..scenarios.scenario import Number, Scenario
+from ..scenarios.scenario import Scenario
 from .options import STEPS, Looks
 from .rollout import worlds_of
 
@@ -53,7 +54,7 @@ def film(
     every: int = 1,
     fps: int = FPS,
     progress: Count = lambda count: None,
-    **numbers: Number,
+    **numbers: Unpack[Numbers],
 ) -> Path:
     """Play worlds, or replay a recording, and write what happens as a film or as a folder of pictures.
 

@@ -1,12 +1,14 @@
 """Factories of environments, from a scenario or its name."""
 
 from collections.abc import Collection
+from typing import Unpack
 
 from gymnasium.vector import AutoresetMode
 
 from ..core.vector_env import SurvivalVectorEnv
+from ..scenarios.known_numbers import Numbers
 from ..scenarios.parse import checks_keywords, options_of, resolve
-from ..scenarios.scenario import Number, Scenario
+from ..scenarios.scenario import Scenario
 
 
 @checks_keywords
@@ -27,7 +29,7 @@ def make_vec(
     action_masks: bool = False,
     specialize: bool = False,
     interpret: Collection[str] = (),
-    **numbers: Number,
+    **numbers: Unpack[Numbers],
 ) -> SurvivalVectorEnv:
     """Make an environment of `num_worlds` worlds of a scenario, which are stepped together.
 

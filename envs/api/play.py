@@ -4,14 +4,15 @@ import asyncio
 import contextlib
 import os
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Unpack
 
 from outlast.ecs.kernels.integers import is_whole
 
 from ..errors import PlayError, install
 from ..rollout.lineup import Others, entries_of, load_policies
+from ..scenarios.known_numbers import Numbers
 from ..scenarios.parse import checks_keywords, options_of, resolve
-from ..scenarios.scenario import Number, Scenario
+from ..scenarios.scenario import Scenario
 from ..web.announce import announce
 from ..web.gate import HOST, Site
 from .options import FASTEST
@@ -30,7 +31,7 @@ def play(
     allow_hosts: str | Sequence[str] = (),
     browser: bool = True,
     record: str | os.PathLike[str] | None = None,
-    **numbers: Number,
+    **numbers: Unpack[Numbers],
 ) -> None:
     """Serve a page in which a person controls an agent, until Ctrl-C. Needs `pip install 'outlast[view]'`.
 

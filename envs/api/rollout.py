@@ -3,7 +3,7 @@
 import contextlib
 import os
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
@@ -33,8 +33,9 @@ from ..rollout.memory import check_memories
 from ..rollout.policies import Policy, plain
 from ..rollout.summary import Summary
 from ..rollout.table_file import check_table
+from ..scenarios.known_numbers import Numbers
 from ..scenarios.parse import checks_keywords, options_of, resolve
-from ..scenarios.scenario import Number, Scenario
+from ..scenarios.scenario import Scenario
 from ..storage.interrupts import left_whole
 from ..storage.outputs import check_file
 from .make import make_vec
@@ -67,7 +68,7 @@ def rollout(
     specialize: bool = False,
     interpret: Collection[str] = (),
     watch: Watch | None = None,
-    **numbers: Number,
+    **numbers: Unpack[Numbers],
 ) -> Summary:
     """Play whole episodes, equally many in every world, and summarise them.
 

@@ -18,7 +18,7 @@ from .ablations import ablated
 from .entry_points import installed, scenario_of_package
 from .imports import mechanic_in, scenario_in
 from .mechanics import imported
-from .scenario import Number, Scenario
+from .scenario import Scenario
 from .variants import ALIASES, VARIANTS, variant
 from .varying_json import distribution_of
 
@@ -89,7 +89,7 @@ def options_of(make: Callable[..., Any]) -> tuple[str, ...]:
 
 
 def resolve(
-    scenario: Scenario | str, numbers: Mapping[str, Number] | None = None, options: Iterable[str] = ()
+    scenario: Scenario | str, numbers: Mapping[str, Any] | None = None, options: Iterable[str] = ()
 ) -> Scenario:
     """Return the scenario that a function was called with, with the numbers that it is to change.
 

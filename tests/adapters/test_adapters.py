@@ -422,5 +422,9 @@ def test_adapters_render_what_the_page_says(adapter: str, mode: str, monkeypatch
 
 def test_the_page_describes_all_adapters() -> None:
     described = re.findall(r"^\| .* \| (`.+`) \| .* \|$", PAGE.split("## Arguments")[0], re.MULTILINE)
-    adapters = {name.removeprefix("outlast.") for cell in described for name in re.findall(r"`([\w.]+)`", cell)}
+    adapters = {
+        name.removeprefix("outlast.").removeprefix("adapters.")
+        for cell in described
+        for name in re.findall(r"`([\w.]+)`", cell)
+    }
     assert RENDERS.keys() == adapters - {"envs.adapters.benchmarl", "make_torchrl"}  # which draw nothing

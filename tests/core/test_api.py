@@ -46,6 +46,14 @@ env.reset(sed=1)  # E: call-arg
 make_vec("ffa_3", "8")  # E: arg-type
 make_vec("ffa_3", 8, seed="0")  # E: arg-type
 make_vec("ffa_3", 8, melee_damage=None)  # E: arg-type
+make_vec("ffa_3", 8, thread=2)  # E: call-arg
+make_vec("ffa_3", 8, mele_damage=2)  # E: call-arg
+outlast.rollout("ffa_3", world=2)  # E: call-arg
+outlast.film("ffa_3", "a.gif", step=2)  # E: call-arg
+outlast.play("ffa_3", browsers=False)  # E: call-arg
+outlast.train("ffa_2", opponent="past")  # E: call-arg
+outlast.evaluate("ffa_2", ["random"], episode=2)  # E: call-arg
+outlast.adapters.make_agents("ffa_3", 8, thread=2)  # E: call-arg
 outlast.adapters.make_agents("ffa_3", 8, threads="2")  # E: arg-type
 outlast.draw(env.worlds, "0")  # E: arg-type
 outlast.variant("ffa_3").without(1)  # E: arg-type

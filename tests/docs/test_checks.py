@@ -33,7 +33,7 @@ def report(tmp_path: Path) -> Path:
 
 
 def test_what_tests_lack_is_read_from_their_report(report: Path) -> None:
-    assert check.extras(report) == {"train", "ray", "notebooks", "sb3"}
+    assert check.extras(report) == {"train", "ray", "docs", "sb3"}
     assert check.counts(report) == {"passed": 1, "skipped": 4, "failed": 0}
     assert check.extras(report.with_name("none.xml")) == frozenset()
 

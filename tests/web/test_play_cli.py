@@ -68,7 +68,8 @@ def test_without_websockets_the_cure_is_reported():
     command = [sys.executable, "-c", code, "play", "ffa_3"]
     result = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
     assert result.returncode == 2
-    assert result.stderr == "outlast: outlast play needs websockets: pip install 'outlast[view]' (imageio-ffmpeg>=0.6, moviepy>=2.2, websockets>=14)\n"
+    assert result.stderr.startswith("outlast: outlast play needs websockets: pip install 'outlast[view]' (")
+    assert "websockets>=14" in result.stderr
 
 
 @pytest.mark.nightly

@@ -6,7 +6,7 @@ import json
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 
@@ -18,8 +18,9 @@ from outlast.envs.recording import record
 from outlast.envs.rollout.lineup import ROLES
 from outlast.envs.rollout.saved import common_scenario
 from outlast.envs.scenarios.fingerprint import fingerprint
+from outlast.envs.scenarios.known_numbers import Numbers
 from outlast.envs.scenarios.parse import checks_keywords, options_of, resolve
-from outlast.envs.scenarios.scenario import Number, Scenario
+from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.storage import strict_json
 from outlast.envs.text_table import text_table
 
@@ -183,7 +184,7 @@ def evaluate(
     out: str | Path | None = None,
     film: bool = False,
     quiet: bool = False,
-    **numbers: Number,
+    **numbers: Unpack[Numbers],
 ) -> Evaluation:
     """Let policies play against each other, and themselves; `outlast evaluate` does the same.
 

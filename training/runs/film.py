@@ -3,7 +3,8 @@
 import logging
 from pathlib import Path
 
-from outlast.envs.api.film import Looks, write_film_of
+from outlast.envs.api.film import write_film_of
+from outlast.envs.api.options import Looks
 from outlast.envs.scenarios.scenario import Scenario
 
 from .episode import episode

@@ -4,14 +4,15 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Unpack
 
 from outlast.envs.core.options import options_of
 from outlast.envs.rollout.lineup import checked_entries, parse_lineup
 from outlast.envs.rollout.saved import newest, text_of
+from outlast.envs.scenarios.known_numbers import Numbers
 from outlast.envs.scenarios.parse import checks_keywords, resolve
 from outlast.envs.scenarios.parse import options_of as arguments_of
-from outlast.envs.scenarios.scenario import Number, Scenario
+from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.storage.interrupts import children_awaited
 
 from ..base.annealing import Anneal, parse_anneal
@@ -73,7 +74,7 @@ def train(
     levels: Choose | None = None,
     loss: Callable[[Any], Any] | None = None,
     networks: type | Mapping[str, type] | None = None,
-    **numbers: Number,
+    **numbers: Unpack[Numbers],
 ) -> TrainedRun:
     """Train the agents of a scenario with PPO; `outlast train` does the same. Ctrl-C saves the run, and is then raised.
 
@@ -136,8 +137,9 @@ def train(
         TrainingError: Another value is not allowed, or the run cannot begin or go on in the folder.
     """
     given, own = locals(), options_of(TrainingConfig)
-    for name in numbers.keys() & KINDS.keys():
-        raise TrainingError(f"{name} is a number of PPO: settings={{{name!r}: {numbers[name]!r}}}")
+    for name, value in numbers.items():
+        if name in KINDS:
+            raise TrainingError(f"{name} is a number of PPO: settings={{{name!r}: {value!r}}}")
     config = TrainingConfig(
         resolve(scenario, numbers, arguments_of(train)),
         **{name: given[name] for name in own if name not in PARSED},
