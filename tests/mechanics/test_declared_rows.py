@@ -9,6 +9,7 @@ import outlast
 from outlast import systems
 from outlast.components import Body, SelfView, Shape, Side, Solid, Spawned
 from outlast.ecs import Archetype, Array, Component, Entity, Module, Read, Rows, Singleton, column, kernel, number, ref
+from outlast.envs.inspect.observation_text import observation_text
 from outlast.systems.observation_rows import more_fields, rows
 from tests.conftest import scaled
 
@@ -48,7 +49,9 @@ def odd(i: int, e: int, entities: Read[Entity]) -> int:
     return i % 2 if entities.alive[e] else 0
 
 
-CratesView = rows(Crates, "crates", Crate, x=Body.x, angle=Body.angle, vx=Body.vx, kind=Crate.kind, ahead=ahead)
+CratesView = rows(
+    Crates, "crates", Crate, x=Body.x, y=Body.y, angle=Body.angle, vx=Body.vx, kind=Crate.kind, ahead=ahead
+)
 ODD = more_fields(Crates, SelfView, "own", Side, odd=odd)
 
 
@@ -66,7 +69,9 @@ def test_rows_hold_their_columns_where_they_are_seen() -> None:
     for _ in range(40):
         mask, there = observations["crates_mask"] != 0, env.worlds[Entity].alive[:, None, span] != 0
         assert not (mask & ~there).any()
-        values = [np.broadcast_to(column[:, None, span], mask.shape) for column in (body.x, body.angle, body.vx)]
+        values = [
+            np.broadcast_to(column[:, None, span], mask.shape) for column in (body.x, body.y, body.angle, body.vx)
+        ]
         values += [np.full(mask.shape, 2), body.x[:, None, span] - body.x[:, : env.num_agents, None]]
         wanted = np.where(mask[..., None], np.stack(values, -1), 0)
         np.testing.assert_array_equal(observations["crates"], wanted.astype(np.float32))
@@ -81,7 +86,29 @@ def test_rows_hold_their_columns_where_they_are_seen() -> None:
 def test_fields_have_units_scales_and_ranges_of_their_columns() -> None:
     env = outlast.make_vec(outlast.variant("teams_3").with_(Crates()), 1)
     fields = env.fields["crates"]
-    assert [*fields] == ["x", "angle", "vx", "kind", "ahead"]
+    assert [*fields] == ["x", "y", "angle", "vx", "kind", "ahead"]
     assert (fields["x"].unit, fields["x"].scale, fields["vx"].unit) == ("m", 12.5, "m/s")
     assert (fields["kind"].low, fields["kind"].high, fields["kind"].scale) == (0, 3, 3)
     assert outlast.check(env.scenario) == []
+
+
+def test_the_text_shows_the_fields_of_a_game_without_hit_points() -> None:
+    """Agents see everything here, as there are no cameras."""
+    parts = (
+        systems.Agents(count=2),
+        systems.FreeForAll(),
+        systems.Room(size=8.0),
+        systems.SpawnGrid(),
+        systems.Steering(),
+    )
+    game = outlast.Scenario(
+        "walk", (*parts, systems.Physics(), systems.Rewards(), systems.Ending("never", 9), Crates())
+    )
+    env = outlast.make_vec(game, 1, seed=0)
+    observations, _ = env.reset()
+    assert [*env.fields["own"]] == ["id", "x", "y", "angle", "vx", "vy", "omega", "odd"]
+    text = observation_text({key: rows[0, 1] for key, rows in observations.items()}, env.fields)
+    assert text.keys() == {"Odd", "Enemies", "Crates"}
+    assert text["Odd"] == ["1"]
+    assert text["Enemies"][0].endswith(", odd 0")
+    assert text["Crates"][0].startswith("3 in sight, nearest ")
