@@ -245,7 +245,8 @@ def test_a_component_stands_for_what_writes_it() -> None:
     assert all(order.index(writer) < order.index("agents.see_others") for writer in writers)
 
     early = kind("Early")  # ahead of what says after=SelfView, and of all who read the masks
-    early.system(Phase.OBSERVE, after="agents.see_own")(taking("blur", view=Write[SelfView], agents=Rows[Side]))
+    blur = taking("blur", view=Write[SelfView], agents=Rows[Side])
+    early.system(Phase.OBSERVE, after=("agents.see_own", "mortality.see_own"))(blur)
     early.system(Phase.OBSERVE, before=ObservationMasks)(taking("hide", masks=Write[ObservationMasks]))
     order = [system.label for system in Worlds(DUEL.with_(early()).modules, 1).schedule.systems]
     assert order.index("agents.see_own") < order.index("early.blur") < order.index("agents.see_others")
