@@ -79,7 +79,7 @@ def _arranged(corners: Any) -> Any:
     order = np.arange(len(given))
     if _area(given) < 0:
         order = order[::-1]
-    points = np.float32(given[order] - _centre(given))
+    points = (given[order] - _centre(given)).astype(np.float32)
     kind, k, j = flaw(points[:, 0], points[:, 1], len(points))
     a, b, c = order[k], order[(k + 1) % len(order)], order[j]
     if kind == NEAR:
