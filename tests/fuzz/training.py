@@ -15,7 +15,7 @@ import outlast
 from outlast.envs.errors import FaultError, StateError
 from outlast.envs.rollout.saved import CHECKPOINT
 from outlast.envs.scenarios.fingerprint import fingerprint
-from outlast.training.base import tensor_file
+from outlast.training.base import policy_file
 from outlast.training.base.config import TrainingConfig
 from outlast.training.base.curves import FILE, format_curves
 from outlast.training.base.errors import TrainingError
@@ -79,9 +79,9 @@ def mutated_header(content: bytes, rng: Random) -> bytes:
             header[name]["dtype"] = rng.choice(("F16", "BF16", "F64", "I32", "I64", "U8", "U32", "BOOL", "C64", "F4"))
         case 3:
             header[name], header[other] = header[other], header[name]
-        case 4 if about[tensor_file.ENTRY]:
-            text = to_json(mutated_json(json.loads(about[tensor_file.ENTRY]), rng)).decode()
-            about[tensor_file.ENTRY] = rng.choice((text, text, text, text[:-1]))
+        case 4 if about[policy_file.ENTRY]:
+            text = to_json(mutated_json(json.loads(about[policy_file.ENTRY]), rng)).decode()
+            about[policy_file.ENTRY] = rng.choice((text, text, text, text[:-1]))
         case _:
             header[rng.choice((f"{name}/x", name[:-1], f"1{name}", "\x1b[31m", "9" * 5000))] = header.pop(name)
     changed = to_json(header)

@@ -16,7 +16,7 @@ from outlast.envs.errors import StateError
 torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
 pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
 
-from outlast.training.base import tensor_file  # noqa: E402
+from outlast.training.base import policy_file  # noqa: E402
 from outlast.training.base.config import TrainingConfig  # noqa: E402
 from outlast.training.base.errors import TrainingError  # noqa: E402
 from outlast.training.base.run_header import WEIGHTS  # noqa: E402
@@ -53,7 +53,7 @@ ENTRY = '"a":{"dtype":"F32","shape":[100],"data_offsets":[8,408]}'
 
 def changed(old: str, new: str) -> bytes:
     """The content of a file whose header says something else, with its own length."""
-    data = tensor_file.content(NUMBERS, "text")
+    data = policy_file.tensors_content(NUMBERS, "text")
     size = int.from_bytes(data[:8], "little")
     header = data[8 : 8 + size].decode()
     assert old in header
@@ -65,9 +65,9 @@ def test_what_is_written_is_read_to_the_bit() -> None:
     """Equal content gives equal bytes, whatever the order and the strides."""
     values = np.array([np.nan, -0.0, 1e-45, np.pi], np.float32)
     tensors = NUMBERS | {"e": values, "f": np.arange(12.0).reshape(3, 4).T, "g": np.arange(3, dtype=np.int32)}
-    data = tensor_file.content(tensors, "text")
-    assert data == tensor_file.content(dict(reversed(tensors.items())), "text")
-    text, found = tensor_file.parse(data)
+    data = policy_file.tensors_content(tensors, "text")
+    assert data == policy_file.tensors_content(dict(reversed(tensors.items())), "text")
+    text, found = policy_file.parse_tensors(data)
     assert text == "text"
     assert found.keys() == tensors.keys()
     for name, like in tensors.items():
@@ -108,7 +108,7 @@ FILES: dict[str, tuple[bytes, str]] = {
 def test_tensors_are_no_larger_than_their_file(what: str) -> None:
     data, reason = FILES[what]
     with memory_limit(2**20), pytest.raises(ValueError, match=reason):
-        tensor_file.parse(data)
+        policy_file.parse_tensors(data)
 
 
 # ---- the state of a run
@@ -289,7 +289,7 @@ PLACES: dict[str, tuple[dict[str, Any], str, str]] = {
 def test_each_tensor_has_a_place(trainer: Trainer, files: Files, what: str) -> None:
     tensors, text, reason = PLACES[what]
     with pytest.raises(TrainingError, match=f"rest.safetensors of the checkpoint is not what a run .*{reason}"):
-        resume.restore(trainer, files | {REST: tensor_file.content(tensors, text)})
+        resume.restore(trainer, files | {REST: policy_file.tensors_content(tensors, text)})
 
 
 @pytest.mark.parametrize("name", [WEIGHTS, REST])
@@ -321,7 +321,7 @@ def test_weights_of_something_else_are_refused(trainer: Trainer, files: Files) -
         resume.restore(trainer, files | {WEIGHTS: checkpoint.policies_content([weights, weights])})
     for tensors in ({}, {"a": np.zeros(3)}, {"1.a": np.zeros(3)}):
         with pytest.raises(TrainingError, match=r"its tensors are not called 0\.NAME"):
-            resume.restore(trainer, files | {WEIGHTS: tensor_file.content(tensors)})
+            resume.restore(trainer, files | {WEIGHTS: policy_file.tensors_content(tensors)})
     with pytest.raises(StateError, match=r"worlds.npz of the checkpoint is not a saved state"):
         resume.restore(trainer, files | {"worlds.npz": b"x"})
 

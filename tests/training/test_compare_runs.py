@@ -12,8 +12,7 @@ import pytest
 import outlast
 from outlast import variant
 from outlast.envs.scenarios.fingerprint import fingerprint
-from outlast.training.base.averages import average, interval
-from outlast.training.base.curves import Curves
+from outlast.training.base.curves import Curves, average, interval
 from outlast.training.base.errors import TrainingError
 from outlast.training.plots.groups import RunGroup, group_runs
 from outlast.training.plots.panels import chosen, drawn, hours

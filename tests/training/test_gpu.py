@@ -20,9 +20,8 @@ from outlast.training.base.config import TrainingConfig
 from outlast.training.policies.player import Player
 from outlast.training.policies.rows import FILL, Rows
 from outlast.training.ppo import cuda_graph
-from outlast.training.ppo.adam import Adam
 from outlast.training.ppo.cuda_graph import GraphedGradients
-from outlast.training.ppo.learner import Learner
+from outlast.training.ppo.learner import Adam, Learner
 from outlast.training.ppo.minibatches import Chunks, Samples
 from outlast.training.ppo.trainer import Trainer
 from outlast.training.runs.run import TrainingRun

@@ -28,16 +28,18 @@ import matplotlib
 from PIL import Image
 
 from outlast.training.base import log_file, policy_file
-from outlast.training.base.averages import average, end_value, smooth
 from outlast.training.base.curves import (
     BOXES,
     FILE,
     Curves,
+    average,
     curves_of_log,
+    end_value,
     format_curves,
     is_known,
     read_curves,
     rounded,
+    smooth,
 )
 from outlast.training.base.errors import TrainingError
 from outlast.training.base.files import packed

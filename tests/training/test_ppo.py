@@ -24,8 +24,7 @@ from outlast.training.base.metrics import means_of_sides
 from outlast.training.base.presets import PRESETS
 from outlast.training.policies.policy import MultiCategorical
 from outlast.training.ppo import learner
-from outlast.training.ppo.adam import Adam
-from outlast.training.ppo.learner import explained_variance
+from outlast.training.ppo.learner import Adam, explained_variance
 from outlast.training.ppo.rollout import RewardScale
 from outlast.training.ppo.trainer import Trainer
 from tests.helpers.trainers import SHORT, STEPS, WORLDS, in_float64, make, weights

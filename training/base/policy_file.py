@@ -1,7 +1,8 @@
 """Policies as safetensors: weights in float16, and run.json without indentation. Needs numpy, and no PyTorch.
 
-A file holds the policies of one checkpoint, whose tensors are called "0.actor.first.weight": number of the policy, name
-of the weight. Checkpoints hold such a file, too, in float32 and without run.json.
+Beside the tensors of a file is one text, the only entry of the metadata, as the order of several is random: so equal
+content gives equal bytes. A file holds the policies of one checkpoint, whose tensors are called "0.actor.first.weight":
+number of the policy, name of the weight. Checkpoints hold such a file, too, in float32 and without run.json.
 """
 
 import json
@@ -13,13 +14,14 @@ import numpy as np
 
 from outlast.envs.storage import limited_read
 
-from . import tensor_file
-from .errors import TrainingError
+from .errors import TrainingError, needed
 from .files import write_files
 from .run_header import NEEDED, WEIGHTS, Header, parse_header, read_checkpoint
 
 SUFFIX = ".safetensors"
 LARGEST = 2**26  # bytes of a file
+ENTRY = "outlast"  # of the metadata: the text
+DTYPES = "float16", "float32", "float64", "int64", "int32", "uint8"  # of tensors
 CRITIC = ("critic.", "overview.", "extractors.1.")  # the beginnings of weights that only values need
 Array = np.ndarray[Any, Any]
 Weights = Mapping[str, Array]
@@ -35,12 +37,12 @@ def content(header: Header, policies: Sequence[Weights], exact: str | None = Non
         name: value.astype(np.float32 if exact is not None and name.partition(".")[2].startswith(exact) else np.float16)
         for name, value in _numbered(policies).items()
     }
-    return tensor_file.content(tensors, json.dumps(header, separators=(",", ":")))
+    return tensors_content(tensors, json.dumps(header, separators=(",", ":")))
 
 
 def weights_content(policies: Sequence[Weights]) -> bytes:
     """Return the content of the file of policies in a checkpoint: their weights as they are."""
-    return tensor_file.content(_numbered(policies))
+    return tensors_content(_numbered(policies))
 
 
 def write(path: Path, header: Header, policies: Sequence[Weights], exact: str | None = None) -> None:
@@ -67,7 +69,7 @@ def parse_weights(data: bytes, name: object = WEIGHTS) -> list[dict[str, Array]]
     name: What errors call it. Raises TrainingError if it is something else.
     """
     try:
-        return _by_policy(tensor_file.parse(data)[1], name)
+        return _by_policy(parse_tensors(data)[1], name)
     except ValueError as error:
         raise TrainingError(f"{name} is not a policy: {error}") from error
 
@@ -102,8 +104,44 @@ def _by_policy(tensors: Mapping[str, Array], name: object) -> list[dict[str, Arr
 def _opened(path: Path) -> tuple[str, dict[str, Array]]:
     """Return run.json as it is, and all tensors."""
     try:
-        return tensor_file.parse(limited_read.read_bytes(path, LARGEST))
+        return parse_tensors(limited_read.read_bytes(path, LARGEST))
     except OSError as error:
         raise TrainingError(f"{path} cannot be read: {error.strerror or error}") from error
     except ValueError as error:
         raise TrainingError(f"{path} is not a policy: {error}") from error
+
+
+def tensors_content(tensors: Mapping[str, Array], text: str = "") -> bytes:
+    """Return the content of a file with these tensors; equal ones give equal bytes."""
+    _check_installed()
+    from safetensors.numpy import save
+
+    return save({name: np.asarray(values, order="C") for name, values in tensors.items()}, {ENTRY: text})
+
+
+def parse_tensors(data: bytes) -> tuple[str, dict[str, Array]]:
+    """Return the text and the tensors of a file's content, in order of their names. Memory is bounded by its length.
+
+    Raises ValueError if it is something else.
+    """
+    _check_installed()
+    from safetensors import SafetensorError
+    from safetensors.numpy import load
+
+    try:
+        tensors = dict(sorted(load(data).items()))  # whose order is random
+    except SafetensorError as error:
+        raise ValueError(str(error)) from error
+    except KeyError as error:  # a type that numpy lacks
+        raise ValueError(f"a tensor is of type {error}: {', '.join(DTYPES)} are known") from error
+    for name, values in tensors.items():
+        if values.dtype.name not in DTYPES:
+            raise ValueError(f"{name:.80} is of type {values.dtype}: {', '.join(DTYPES)} are known")
+    header = json.loads(data[8 : 8 + int.from_bytes(data[:8], "little")])
+    return (header.get("__metadata__") or {}).get(ENTRY, ""), tensors
+
+
+def _check_installed() -> None:
+    """Raise TrainingError if safetensors is not installed: this module is imported without it."""
+    with needed("train", "weights of policies need"):
+        import safetensors  # noqa: F401

@@ -35,9 +35,9 @@ class Preset:
         name: The name by which it is chosen.
         activation: "tanh" or "relu".
         shared: Whether policy and value have one extractor, or one each.
-        padded: Whether there is an entity of zeros that is always visible.
-        leaky: Whether hidden entities are attended to, with their logits raised by 1, and averages are over the number
-            of all rows, as in the authors' code. Otherwise hidden ones are left out of both.
+        leaky: Whether hidden entities are attended to, with their logits raised by 1, averages are over the number of
+            all rows, and an entity of zeros is always visible, as in the authors' code. Otherwise hidden ones are left
+            out of both.
         scaled: Whether inputs are brought to about -1 to 1.
         egocentric: Whether agents observe everything from where they stand and look, see `egocentric`.
         cameras: The value of cameras_mode, that is what the rows of hidden entities hold.
@@ -54,7 +54,6 @@ class Preset:
     name: str
     activation: str
     shared: bool
-    padded: bool
     leaky: bool
     scaled: bool = False
     egocentric: bool = False
@@ -99,12 +98,12 @@ class Preset:
         return worlds, rollout
 
 
-PAPER = Preset("paper", activation="relu", shared=False, padded=False, leaky=False)
+PAPER = Preset("paper", activation="relu", shared=False, leaky=False)
 SCALED = replace(PAPER, name="scaled", scaled=True)
 PRESETS = {
     preset.name: preset
     for preset in (
-        Preset("original", activation="tanh", shared=True, padded=True, leaky=True, cameras="revealed"),
+        Preset("original", activation="tanh", shared=True, leaky=True, cameras="revealed"),
         PAPER,
         SCALED,
         replace(SCALED, name="fast", egocentric=True, shared=True, masked=True, agents=512, steps=128, numbers=FAST),

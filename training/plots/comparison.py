@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..base.averages import end_value, interval
+from ..base.curves import end_value, interval
 from ..base.tables import csv_text, digits, markdown_table, number
 from .groups import RunGroup, common, untold
 from .panels import Panel, drawn

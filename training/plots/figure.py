@@ -15,8 +15,7 @@ from matplotlib.lines import Line2D
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
-from ..base.averages import average
-from ..base.curves import Array, Curves
+from ..base.curves import Array, Curves, average
 from ..base.run_summary import RATING
 from .comparison import Comparison
 from .groups import RunGroup

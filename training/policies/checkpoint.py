@@ -18,7 +18,7 @@ from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.storage import strict_json
 from outlast.envs.storage.atomic_write import atomic_write
 
-from ..base import policy_file, run_header, tensor_file
+from ..base import policy_file, run_header
 from ..base.errors import TrainingError
 from ..base.observation_layout import Array
 from ..base.run_header import WEIGHTS
@@ -124,14 +124,14 @@ def tree_content(tree: dict[str, Any]) -> bytes:
     Tensors are called by their place, "learners/0/minibatches". The text beside them is the tree without them, as JSON.
     """
     tensors = dict[str, Array]()
-    return tensor_file.content(tensors, json.dumps(_without_tensors(tree, "", tensors)))
+    return policy_file.tensors_content(tensors, json.dumps(_without_tensors(tree, "", tensors)))
 
 
 def load_tree(files: dict[str, bytes], name: str) -> Any:
     """Return what `tree_content` made one of the files from, unchecked. Raises TrainingError."""
     wrong = f"{name} of the checkpoint is not what a run goes on with"
     try:
-        text, tensors = tensor_file.parse(files[name])
+        text, tensors = policy_file.parse_tensors(files[name])
         tree = strict_json.parse(text)
     except strict_json.BROKEN as error:
         raise TrainingError(f"{wrong}: {error}") from error

@@ -30,8 +30,8 @@ class Extractor(nn.Module):
 
     def __init__(self, layout: ObservationLayout, preset: Preset, scales: tuple[Any, Any]) -> None:
         super().__init__()
-        if preset.leaky and not (preset.padded and preset.activation == "tanh"):
-            raise ValueError(f"preset '{preset.name}': a leaky one has padding and tanh, as attend does")
+        if preset.leaky and preset.activation != "tanh":
+            raise ValueError(f"preset '{preset.name}': a leaky one has tanh, as attend does")
         self.layout, self.preset, width = layout, preset, preset.width
         self.own = nn.Linear(layout.own, width, **FLOAT)
         widths = [kind.features for kind in layout.kinds]

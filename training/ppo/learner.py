@@ -1,12 +1,13 @@
 """A learner: a policy, its optimiser, and updates from rollouts."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor, nn
+from torch.optim.adam import adam
 
 from ..base.config import name_of
 from ..base.errors import TrainingError
@@ -14,7 +15,6 @@ from ..base.hyperparameters import Hyperparameters
 from ..policies.policy import Networks
 from ..policies.rows import Rows
 from ..policies.torch_settings import INDEX
-from .adam import Adam
 from .crew import Crew
 from .cuda_graph import GraphedGradients
 from .loss import ALWAYS, Loss, evaluated, imitation_loss, ppo_loss
@@ -28,7 +28,55 @@ CPU = torch.device("cpu")
 SHARE = 2048  # samples of a minibatch that are computed at once; of fewer, calls cost more than sums
 KL_STOP = 1.5  # times target_kl, as in Stable-Baselines3
 OUR_LOSSES: tuple[Loss, ...] = ppo_loss, imitation_loss  # nothing in them waits for a GPU
+EPSILON = 1e-5  # of Adam, added to the root of the second moment, as in Stable-Baselines3
+NAMES = "step", "exp_avg", "exp_avg_sq"  # of what a parameter's moments consist of
 SUMS = 1e-3  # how far the loss of a minibatch may be from the sum of those of its shares, relative to these
+
+
+class Adam:
+    """Adam (Kingma and Ba, arXiv:1412.6980) with the usual rates of decay, by the functional form of torch.optim.
+
+    The class `torch.optim.Adam` imports PyTorch's compiler, of which nothing is used here: 800 modules, 80 MB, seconds.
+
+    moments: Of each parameter, in order: steps taken, float32 without axes, and averages of gradients and of their
+    squares, like the parameter.
+    """
+
+    def __init__(self, parameters: Sequence[Tensor]) -> None:
+        self.parameters = list(parameters)
+        self.moments = [
+            {"step": torch.zeros((), dtype=torch.float32, device=each.device)}
+            | {name: torch.zeros_like(each, requires_grad=False) for name in NAMES[1:]}
+            for each in self.parameters
+        ]
+
+    @torch.no_grad()
+    def step(self, rate: float) -> None:
+        """Change the parameters by their gradients. rate: The learning rate."""
+        gradients = [each.grad for each in self.parameters if each.grad is not None]
+        steps, averages, squares = ([own[name] for own in self.moments] for name in NAMES)
+        adam(
+            self.parameters,
+            gradients,
+            averages,
+            squares,
+            [],
+            steps,
+            fused=True,
+            lr=rate,
+            beta1=0.9,
+            beta2=0.999,
+            eps=EPSILON,
+            weight_decay=0.0,
+            amsgrad=False,
+            maximize=False,
+        )
+
+    def restore(self, moments: Sequence[Mapping[str, Tensor]]) -> None:
+        """Go on from copies of such moments, which may be on another device."""
+        for own, given in zip(self.moments, moments, strict=True):
+            for name, values in own.items():
+                values.copy_(given[name])
 
 
 class Learner:

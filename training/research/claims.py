@@ -14,8 +14,7 @@ from importlib.resources import files
 
 import numpy as np
 
-from ..base.averages import smooth
-from ..base.curves import BOXES, HEALS, KILLS, LENGTH, QUANTITIES, RETURN, Array, Curves, Quantity
+from ..base.curves import BOXES, HEALS, KILLS, LENGTH, QUANTITIES, RETURN, Array, Curves, Quantity, smooth
 from ..base.tables import markdown_table, number, spread
 from .results import PaperGroup, behaviour, published_curves
 

@@ -10,8 +10,7 @@ from matplotlib.figure import Figure
 
 from outlast.envs.rendering import style
 
-from ..base.averages import window_size
-from ..base.curves import BOXES, HEALS, KILLS, LENGTH, RETURN, Curves, Quantity
+from ..base.curves import BOXES, HEALS, KILLS, LENGTH, RETURN, Curves, Quantity, window_size
 from ..plots.figure import GREY, Line, colour, encoded, entry, figure_of, finish, plot_line, write_notes
 from .results import PaperGroup
 

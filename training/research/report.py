@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base.averages import EndValue, MovingAverage, average, end_value
-from ..base.curves import KILLS, LENGTH, QUANTITIES, RETURN, Quantity
+from ..base.curves import KILLS, LENGTH, QUANTITIES, RETURN, EndValue, MovingAverage, Quantity, average, end_value
 from ..base.errors import needed
 from ..base.tables import ENDS, csv_text, decimals, digits, markdown_table, number, spread, with_spread
 from .claims import claims_table, findings
