@@ -38,7 +38,7 @@ from outlast.training.base.run_summary import GROUPS, Figure, headline
 from outlast.training.cli import watch as command
 from outlast.training.runs import watch
 from outlast.training.runs.live_view import LiveView
-from outlast.training.runs.logs import CsvLog
+from outlast.training.runs.logs import RunLog
 from outlast.training.runs.watch import RunWatcher, figures
 from tests.helpers.checkpoints import as_checkpoint
 
@@ -387,7 +387,7 @@ def test_a_log_without_a_row_is_waited_for(folder: Path) -> None:
         assert watcher.status()["figures"] == []
         assert "is not the log" not in watcher.status()["message"]
     path.unlink()
-    begun = CsvLog(path)
+    begun = RunLog(folder, 0)
     assert path.read_text() == "tag,step,value\n"  # while the run collects its first rollout
     begun.close()
 

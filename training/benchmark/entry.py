@@ -188,11 +188,9 @@ class EntryRun:
         if entry.agent.kind == FUNCTION:
             made = entry.agent.made(entry.task.name, entry.seed)
             return {"digest": digest(made.file), STEPS: None, "of_task": False, "met": []}
-        path = self._train(entry.config(), TRAINED) if entry.agent.kind == PRESET else self._found()
-        return self._keep(path, POLICY)
-
-    def _found(self) -> Path:
-        return self.entry.agent.policy(self.entry.task.name, self.entry.seed)
+        if entry.agent.kind == PRESET:
+            return self._keep(self._train(entry.config(), TRAINED), POLICY)
+        return self._keep(entry.agent.policy(entry.task.name, entry.seed), POLICY)
 
     def _keep(self, path: Path, name: str) -> Content:
         """Copy a policy, with weights in half precision as they play; returns what the result says about it."""

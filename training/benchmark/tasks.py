@@ -109,11 +109,6 @@ def _task(name: str, about: str, trained: Scenario, outside: dict[str, Any] | No
     return Task(f"{name}-v1", about, trained, tuple(games))
 
 
-def _variants() -> Iterator[Task]:
-    for name, scenario in VARIANTS.items():
-        yield _task(name, scenario.about, scenario)
-
-
 def _mended() -> Iterator[Task]:
     for name, ablations in (
         ("ffa_2", "health_cap+bounty+steering"),
@@ -173,4 +168,5 @@ def _generalisation() -> Iterator[Task]:
 @functools.cache
 def tasks() -> dict[str, Task]:
     """Return all tasks, by name."""
-    return {task.name: task for found in (_variants(), _mended(), _generalisation()) for task in found}
+    variants = (_task(name, scenario.about, scenario) for name, scenario in VARIANTS.items())
+    return {task.name: task for found in (variants, _mended(), _generalisation()) for task in found}

@@ -237,15 +237,6 @@ def _wrong_with_outcome(match: Content, outcome: Content) -> str:
 
 
 def _follows(given: Sequence[float], found: Sequence[float]) -> bool:
-    """Return whether a mean, and its error if there is one, are those of a recording.
-
-    Earlier results counted all episodes in errors, even those without a value. These errors are smaller, by a factor of
-    the root of a half at most.
-    """
-    if len(given) != len(found) or not _near(given[0], found[0]):
-        return False
-    return all(_near(one, two) or math.sqrt(0.5) * two <= one <= two for one, two in zip(given[1:], found[1:]))
-
-
-def _near(one: float, two: float) -> bool:
-    return math.isclose(one, two, rel_tol=NEAR, abs_tol=1e-9)
+    """Return whether a mean, and its error if there is one, are those of a recording."""
+    each = zip(given, found, strict=False)
+    return len(given) == len(found) and all(math.isclose(*pair, rel_tol=NEAR, abs_tol=1e-9) for pair in each)

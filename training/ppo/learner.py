@@ -145,7 +145,8 @@ class Learner:
             shuffled = units[torch.randperm(len(units), generator=self.generator, **INDEX)]
             for part in shuffled.tensor_split(batches):
                 found.append(self._differentiate(samples, part, shared))
-                going = not self._diverged(found[-1])
+                limit = KL_STOP * self.numbers.target_kl  # if it is 0, there is no waiting for a GPU here
+                going = not (limit and found[-1][ALWAYS.index("approx_kl")] > limit)
                 if not going:
                     break
                 nn.utils.clip_grad_norm_(self.parameters, self.numbers.max_grad_norm)
@@ -221,10 +222,6 @@ class Learner:
                 f"{' and '.join(f'{half:.4g}' for half in each)}: they must add up to it, so take batch.mean(x) in "
                 "place of x.mean() and x.sum(), multiply what is no mean by batch.weights.sum(), and draw no numbers"
             )
-
-    def _diverged(self, figures: Tensor) -> bool:
-        limit = self.numbers.target_kl  # if it is 0, there is no waiting for a GPU here
-        return bool(limit and figures[ALWAYS.index("approx_kl")] > KL_STOP * limit)
 
 
 def _tensors(policy: Networks) -> Iterator[Tensor]:

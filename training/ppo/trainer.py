@@ -294,14 +294,6 @@ class Trainer:
         """Return the states of the lanes of all processes, (worlds, ...) by name."""
         return self._joined(self.lane.state())
 
-    def restore_worlds(self, worlds: State) -> None:
-        """Go on from the worlds that `captured` returned. Raises StateError."""
-        self.env.set_state(worlds[self.lane.rows] if len(worlds) == self.worlds else worlds)
-
-    def restore_lanes(self, lanes: dict[str, Array]) -> None:
-        """Go on from the lanes that `captured` returned. Raises TrainingError."""
-        self.lane.restore({name: values[self.lane.rows] for name, values in lanes.items()})
-
     def _joined(self, own: Mapping[str, Array]) -> dict[str, Array]:
         """Return arrays of all processes, by name, in order of the worlds."""
         return {name: self.crew.gather(np.ascontiguousarray(values)) for name, values in own.items()}

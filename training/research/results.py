@@ -36,11 +36,6 @@ SEEN = (
 )  # the paper has no curves of these; claims about behaviour, and mended games, are measured by them
 
 
-def is_kept(tag: str) -> bool:
-    """Return whether kept results have this tag."""
-    return is_known(tag) or any(quantity.has(tag) for quantity in SEEN)
-
-
 def published_curves(variant: str) -> Curves:
     """Return the paper's curves of a variant, by its name: "ffa_2"."""
     with as_file(files(__package__).joinpath(FILE)) as path:
@@ -151,7 +146,8 @@ def _of_the_paper(run: Run) -> PaperRun:
     own, usual = run.numbers, usual_numbers(name, run.plan["preset"])
     pairs = {key: (own.get(key, ABSENT), usual.get(key, ABSENT)) for key in sorted(own.keys() | usual.keys())}
     changed = {key: its for key, (its, other) in pairs.items() if its != other}
-    curves = Curves(run.curves.steps, {tag: values for tag, values in run.curves.values.items() if is_kept(tag)})
+    kept = {tag for tag in run.curves.values if is_known(tag) or any(quantity.has(tag) for quantity in SEEN)}
+    curves = Curves(run.curves.steps, {tag: values for tag, values in run.curves.values.items() if tag in kept})
     return PaperRun(run.origin, name, own, run.plan, curves, asked=run.asked, changed=changed)
 
 

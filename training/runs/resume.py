@@ -65,7 +65,8 @@ def restore(trainer: Trainer, files: dict[str, bytes]) -> None:
     check_state(rest, _rest(trainer, trainer.captured_lanes()) | {"opponents": None})  # these check themselves
     for learner, given in zip(trainer.learners, rest["learners"], strict=True):
         _check_learner(learner, given)
-    trainer.restore_worlds(state.read(io.BytesIO(files[WORLDS]), f"{WORLDS} of the checkpoint"))
+    worlds, mine = state.read(io.BytesIO(files[WORLDS]), f"{WORLDS} of the checkpoint"), trainer.lane.rows
+    trainer.env.set_state(worlds[mine] if len(worlds) == trainer.worlds else worlds)
     for learner, given, own in zip(trainer.learners, rest["learners"], weights, strict=True):
         checkpoint.load_weights(learner.policy, own)
         learner.policy.rescale(factors)
@@ -81,7 +82,7 @@ def restore(trainer: Trainer, files: dict[str, bytes]) -> None:
     trainer.opponents.restore(rest["opponents"], trainer.policies, header["plan"].get("opponents", ""))
     if trainer.curriculum is not None:
         trainer.curriculum.restore(rest["levels"])
-    trainer.restore_lanes({name: values.numpy() for name, values in rest["lane"].items()})
+    trainer.lane.restore({name: values.numpy()[mine] for name, values in rest["lane"].items()})
     trainer.steps = header["steps"]
 
 

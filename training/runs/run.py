@@ -306,25 +306,24 @@ class TrainingRun:
         return {path.name for path in paths if not is_temporary(path) and not is_lock(path)}
 
     def _find_checkpoint(self, there: set[str], resume: bool) -> dict[str, bytes] | None:
-        """Return the checkpoint to go on from, if there is one. there: What is in the folder."""
+        """Return the checkpoint to go on from, if there is one. there: What is in the folder.
+
+        A run that has none yet must have been begun with the same config, too.
+        """
         if there and not resume:
             raise TrainingError(f"{self.folder} is not empty: go on with --resume, or choose another folder with --out")
         if not resume or (self.folder.is_dir() and not there):  # it was stopped before run.json was written
             return None
         found = checkpoints(self.folder)
         if run_header.NAME in there and not found:
-            self._check_begun()
+            header = run_header.read_run_folder(self.folder)
+            self._check_plan(header)
+            if other := preset(self.config.preset).difference(header["scenario"], self.config.scenario):
+                raise TrainingError(f"the run in {self.folder} was begun with another scenario {other}")
             return None
         if not found:
             raise TrainingError(f"there is nothing to resume in {self.folder}")
         return checkpoint.read_checkpoint(found[-1])
-
-    def _check_begun(self) -> None:
-        """Refuse another config than the one with which a run that has no checkpoint was begun."""
-        header = run_header.read_run_folder(self.folder)
-        self._check_plan(header)
-        if other := preset(self.config.preset).difference(header["scenario"], self.config.scenario):
-            raise TrainingError(f"the run in {self.folder} was begun with another scenario {other}")
 
     def _prepare(self, there: set[str]) -> None:
         """Make the folder and lock it, and say in run.json what is asked.
