@@ -1,11 +1,26 @@
-"""Runs that are trained once for a file."""
+"""Runs that are trained once for a file; without PyTorch, only tests of files that need none."""
 
 import functools
+import importlib.util
 import shutil
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+
+WITHOUT = ("test_plot.py", "test_run_statistics.py")  # need no PyTorch
+INSTALLED = all(map(importlib.util.find_spec, ("torch", "tensorboard")))  # outlast[train]
+
+
+def pytest_ignore_collect(collection_path: Path) -> bool | None:
+    """Leave out files of tests that need what is not installed."""
+    needs = collection_path.name.startswith("test_") and collection_path.name not in WITHOUT
+    return True if needs and not INSTALLED else None
+
+
+@pytest.fixture(autouse=INSTALLED)
+def one_thread(one_torch_thread: None) -> None:
+    """Let PyTorch compute on one thread, see one_torch_thread."""
 
 
 @pytest.fixture(scope="module")

@@ -18,9 +18,6 @@ from outlast import variant
 from outlast.distributions import integers
 from outlast.envs.cli.main import main
 from outlast.envs.errors import ScenarioError, UsageError
-
-pytest.importorskip("torch", reason="needs torch: outlast[train]")
-
 from outlast.training.arena.match import Act
 from outlast.training.arena.players import Contender
 from outlast.training.arena.ratings import anchored
@@ -50,7 +47,6 @@ from outlast.training.benchmark.result import Content, Result
 from outlast.training.benchmark.verify import checks, cross_checks
 from outlast.training.policies.player import Player
 
-pytestmark = pytest.mark.usefixtures("one_torch_thread")
 NAME, BUDGET, GAMES = "quick-v1", 512, 4
 SHORT = {"safe_zone_damage": 20, "safe_zone_stand": 20, "safe_zone_shrink": 10}  # episodes of a hundred steps
 SMALL = {"worlds": 8, "rollout": 256}

@@ -13,13 +13,6 @@ import pytest
 from outlast import make_vec, variant
 from outlast.envs.errors import RecordingError, UsageError
 from outlast.envs.storage.kept_results import ADDRESS
-from tests.conftest import COMPILED
-from tests.digests import platform_name
-from tests.task_digests import begins, goes_on, identity, pinned
-from tests.task_digests import games as games_of
-
-pytest.importorskip("torch", reason="needs torch: outlast[train]")
-
 from outlast.training.arena.match import Act
 from outlast.training.arena.players import Contender
 from outlast.training.base import policy_file
@@ -28,8 +21,11 @@ from outlast.training.benchmark import games, matches, tasks
 from outlast.training.benchmark.games import Games
 from outlast.training.benchmark.suite import FOLDER, TABLE, suite
 from outlast.training.benchmark.tasks import BUDGETS, GAMES, SEEDS, check_training_seed, track_of
+from tests.conftest import COMPILED
+from tests.digests import platform_name
+from tests.task_digests import begins, goes_on, identity, pinned
+from tests.task_digests import games as games_of
 
-pytestmark = pytest.mark.usefixtures("one_torch_thread")
 VERSION = "the game '{1}' of {0} is another one: give the task a new version; python -m tests.task_digests --write"
 EVERY = [(task, name) for task, own in pinned().items() for name in own]
 

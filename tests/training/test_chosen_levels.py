@@ -4,17 +4,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import torch
 
 from outlast import variant
 from outlast.distributions import free, integers
 from outlast.envs.rollout.saved import CHECKPOINT
 from outlast.levels import FloorPlan, Level
-
-pytest.importorskip("torch", reason="needs torch: outlast[train]")
-pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
-
-import torch
-
 from outlast.training.base.config import TrainingConfig
 from outlast.training.base.errors import TrainingError
 from outlast.training.base.run_header import WEIGHTS
@@ -24,7 +19,6 @@ from outlast.training.ppo.trainer import Trainer
 from outlast.training.runs.run import TrainingRun
 from tests.helpers.runs import points
 
-pytestmark = pytest.mark.usefixtures("one_torch_thread")
 WORLDS, STEPS = 8, 24
 EACH = WORLDS * STEPS * 2  # agent-steps of a rollout
 SHORT = variant("ffa_1").replace(agents_health=10, safe_zone_radii=(4.0,), ending_limit=9)

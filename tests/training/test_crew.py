@@ -14,21 +14,17 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
 from outlast import variant
 from outlast.envs.rollout.saved import CHECKPOINT, newest
 from outlast.envs.snapshots import state
+from outlast.training.base.errors import TrainingError
+from outlast.training.base.log_file import read_log
+from outlast.training.policies import checkpoint
+from outlast.training.ppo.crew import Crew, recruit
+from outlast.training.runs.run import TrainingConfig, TrainingRun
 
-torch = pytest.importorskip("torch", reason="needs torch: outlast[train]")
-pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
-
-from outlast.training.base.errors import TrainingError  # noqa: E402
-from outlast.training.base.log_file import read_log  # noqa: E402
-from outlast.training.policies import checkpoint  # noqa: E402
-from outlast.training.ppo.crew import Crew, recruit  # noqa: E402
-from outlast.training.runs.run import TrainingConfig, TrainingRun  # noqa: E402
-
-pytestmark = pytest.mark.usefixtures("one_torch_thread")
 SHORT = variant("teams_2").replace(
     agents_health=10, safe_zone_radii=(9.0, 4.0), safe_zone_stand=10, safe_zone_shrink=10
 )

@@ -8,14 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
 from outlast import variant
 from outlast.envs.rollout.saved import checkpoints
-
-pytest.importorskip("torch", reason="needs torch: outlast[train]")
-
-import torch
-
 from outlast.training.base.config import TrainingConfig
 from outlast.training.policies.player import Player
 from outlast.training.policies.rows import FILL, Rows
@@ -27,7 +23,6 @@ from outlast.training.ppo.trainer import Trainer
 from outlast.training.runs.run import TrainingRun
 from tests.helpers.trainers import nearly
 
-pytestmark = pytest.mark.usefixtures("one_torch_thread")
 OPTIONS: list[dict[str, Any]] = [{}, {"preset": "original"}, {"preset": "paper"}, {"memory": 16}, {"critic": "state"}]
 OPTIONS += [{"policies": "side"}, {"dead": "drop"}, {"warm_start": "scripted:1000"}]
 OPTIONS += [{"opponents": {"self": 0.4, "past": 0.3, "scripted": 0.3}, "snapshots": 1}]

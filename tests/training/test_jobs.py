@@ -10,8 +10,6 @@ from pathlib import Path
 
 import pytest
 
-pytest.importorskip("torch", reason="needs torch: outlast[train]")  # which all of outlast.training is for
-
 from outlast.envs.cli.main import main
 from outlast.envs.cli.options import STOPPED
 from outlast.training.base.errors import TrainingError

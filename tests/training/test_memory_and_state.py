@@ -6,16 +6,11 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+import torch
 
 from outlast import load_policy, make_vec, variant
 from outlast.components import Body
 from outlast.envs.rollout.memory import told
-
-pytest.importorskip("torch", reason="needs torch: outlast[train]")
-pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
-
-import torch
-
 from outlast.training.base.config import CHUNK, TrainingConfig
 from outlast.training.base.errors import TrainingError
 from outlast.training.base.hyperparameters import Hyperparameters
@@ -32,7 +27,6 @@ from outlast.training.ppo.trainer import Trainer
 from outlast.training.ppo.world_slice import NOBODY
 from outlast.training.runs.resume import capture
 
-pytestmark = pytest.mark.usefixtures("one_torch_thread")
 SHORT = variant("ffa_2").replace(agents_health=10, safe_zone_radii=(9.0, 4.0), safe_zone_stand=10, safe_zone_shrink=10)
 LAYOUT = ObservationLayout({"own": (3,), "others": (2, 4), "others_mask": (2,)})
 SIZES, WIDTH = (3, 2), 8

@@ -12,15 +12,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
 from outlast import make_vec, variant
 from outlast.envs.rollout.policies import scripted_policy
-from tests.conftest import draw_actions
-
-pytest.importorskip("torch", reason="needs torch: outlast[train]")
-
-import torch
-
 from outlast.training.base.config import TrainingConfig
 from outlast.training.base.errors import TrainingError
 from outlast.training.base.observation_layout import MASK, ObservationLayout, field_table, layout_of, scales
@@ -35,9 +30,9 @@ from outlast.training.policies.policy import ActorCritic, MultiCategorical
 from outlast.training.policies.rows import PaddedRows, concatenated
 from outlast.training.ppo.trainer import Trainer
 from outlast.training.runs.resume import capture
+from tests.conftest import draw_actions
 from tests.helpers.trainers import doubled
 
-pytestmark = pytest.mark.usefixtures("one_torch_thread")
 COUNTS = {"ffa_2": 22_832, "ffa_3": 23_856, "teams_2": 22_896, "teams_3": 23_920}  # of the authors' checkpoints
 SIZES = (3, 3, 3, 2, 2, 2)
 Arrays = dict[str, np.ndarray[Any, Any]]

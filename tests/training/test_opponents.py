@@ -8,18 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
 import outlast
 from outlast import make_vec
 from outlast.components import Side
 from outlast.distributions import choice, integers
 from outlast.ecs import Clock, Entity
-from tests.helpers.execution_modes import short
-
-pytest.importorskip("torch", reason="needs torch: outlast[train]")
-
-import torch
-
 from outlast.training.arena.opponent_pool import PAST_SELVES, Opponent, OpponentPool
 from outlast.training.base.config import TrainingConfig
 from outlast.training.base.errors import TrainingError
@@ -27,8 +22,8 @@ from outlast.training.policies.checkpoint import write_checkpoint
 from outlast.training.ppo.trainer import Trainer
 from outlast.training.ppo.world_slice import NOBODY
 from outlast.training.runs.resume import capture, restore
+from tests.helpers.execution_modes import short
 
-pytestmark = pytest.mark.usefixtures("one_torch_thread")
 WORLDS, STEPS = 12, 60
 SHORT = short("teams_3").replace(ending_limit=25, agents_health=8)  # ends early, both ways
 MIX = {"self": 1.0, "past": 1.0, "scripted": 1.0}

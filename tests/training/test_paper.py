@@ -17,12 +17,11 @@ from outlast.training.research import experiments
 from outlast.training.research.__main__ import main as research
 from outlast.training.research.experiments import PARTS, expected_seconds, seconds_table
 
-for library in ("torch", "tensorboard", "matplotlib"):
-    pytest.importorskip(library, reason=f"needs {library}: outlast[train,plot]")
+pytest.importorskip("matplotlib", reason="needs matplotlib: outlast[plot]")
 
-from outlast.training.research import corrected_games as mended  # noqa: E402
-from outlast.training.research import output  # noqa: E402
-from tests.helpers.runs import outlast_train  # noqa: E402
+from outlast.training.research import corrected_games as mended
+from outlast.training.research import output
+from tests.helpers.runs import outlast_train
 
 RESULTS = Path(__file__).parents[2] / "results"
 

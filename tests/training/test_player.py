@@ -10,19 +10,12 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
+import torch
+from safetensors.numpy import save
 
 from outlast import Recording, Replay, load_policy, make_vec, record, variant
 from outlast.envs.rollout.memory import told
 from outlast.envs.scenarios.fingerprint import fingerprint
-from tests.conftest import run
-from tests.helpers.added_fields import Stamina
-from tests.helpers.execution_modes import short
-
-pytest.importorskip("torch", reason="needs torch: outlast[train]")
-
-import torch
-from safetensors.numpy import save
-
 from outlast.training.base import policy_file
 from outlast.training.base.config import TrainingConfig, parse_warm_start
 from outlast.training.base.errors import TrainingError
@@ -36,9 +29,10 @@ from outlast.training.ppo.trainer import Trainer
 from outlast.training.runs import resume
 from outlast.training.runs.episode import recorded_scenario
 from outlast.training.runs.resume import capture
+from tests.conftest import run
+from tests.helpers.added_fields import Stamina
 from tests.helpers.checkpoints import KEPT
-
-pytestmark = pytest.mark.usefixtures("one_torch_thread")
+from tests.helpers.execution_modes import short
 
 
 def saved(path: Path, chosen: str = "original") -> Trainer:

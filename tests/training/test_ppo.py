@@ -7,16 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
 from outlast import make_vec, variant
 from outlast.ecs import Entity
-from tests.helpers.execution_modes import short
-from tests.helpers.goal import won_at_the_limit
-
-pytest.importorskip("torch", reason="needs torch: outlast[train]")
-
-import torch
-
 from outlast.training.base import hyperparameters
 from outlast.training.base.config import TrainingConfig
 from outlast.training.base.hyperparameters import Hyperparameters
@@ -27,9 +21,10 @@ from outlast.training.ppo import learner
 from outlast.training.ppo.learner import Adam, explained_variance
 from outlast.training.ppo.rollout import RewardScale
 from outlast.training.ppo.trainer import Trainer
+from tests.helpers.execution_modes import short
+from tests.helpers.goal import won_at_the_limit
 from tests.helpers.trainers import SHORT, STEPS, WORLDS, in_float64, make, weights
 
-pytestmark = pytest.mark.usefixtures("one_torch_thread")
 GAMMA, LAMBDA = 0.99, 0.95
 Row = dict[str, Any]
 

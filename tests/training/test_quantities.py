@@ -12,12 +12,6 @@ from outlast import Scenario, make_vec, variant
 from outlast.components import Item, Phase, Side
 from outlast.distributions import choice, integers
 from outlast.ecs import Array, Entity, Module, Read, Rows, Statistic, Write, column
-from tests.conftest import draw_actions
-from tests.helpers.beasts import Beasts
-
-pytest.importorskip("torch", reason="needs torch: outlast[train]")
-pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
-
 from outlast.training.base.config import TrainingConfig
 from outlast.training.base.curves import Curves
 from outlast.training.base.errors import TrainingError
@@ -26,8 +20,9 @@ from outlast.training.base.run_summary import headline
 from outlast.training.plots.panels import chosen, drawn
 from outlast.training.plots.runs import Run
 from outlast.training.ppo.trainer import Trainer
+from tests.conftest import draw_actions
+from tests.helpers.beasts import Beasts
 
-pytestmark = pytest.mark.usefixtures("one_torch_thread")
 WORLDS, STEPS = 8, 200
 SHORT = {"safe_zone_radii": (4.0,), "safe_zone_stand": 30, "safe_zone_shrink": 20, "agents_health": 60}
 SHORT |= {"heals_amount": 10}

@@ -9,12 +9,15 @@ import sys
 import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import Any
 
 import numpy as np
 import pytest
+import torch
+from safetensors.torch import load
 
 import outlast
 from outlast import variant
@@ -24,15 +27,6 @@ from outlast.ecs import Entity, Field, Module, Offset, Read, Rows, Singleton, Wr
 from outlast.envs.errors import StateError, UsageError
 from outlast.envs.rollout.saved import CHECKPOINT, common_scenario, newest
 from outlast.envs.storage.folder_lock import is_lock
-
-pytest.importorskip("torch", reason="needs torch: outlast[train]")
-pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
-
-from functools import partial
-
-import torch
-from safetensors.torch import load
-
 from outlast.training.base.config import TrainingConfig
 from outlast.training.base.errors import TrainingError
 from outlast.training.base.log_file import last_step, read_log
@@ -42,7 +36,6 @@ from outlast.training.runs.run import TrainingRun
 from tests.helpers.checkpoints import KEPT
 from tests.helpers.runs import EACH, SHORT, assert_same, config, names, points
 
-pytestmark = pytest.mark.usefixtures("one_torch_thread")
 Folders = Callable[..., Path]
 
 

@@ -5,14 +5,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-
-import outlast
-
-pytest.importorskip("torch", reason="needs torch: outlast[train]")
-pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
-
 import torch
 
+import outlast
 from docs.examples.own_ppo import Pooled, Predicting, kl_penalty, predicting
 from outlast.envs.scenarios.hide_and_seek import HIDE_DOOR
 from outlast.training.base.errors import TrainingError
@@ -27,7 +22,6 @@ from outlast.training.runs.train import TrainedRun
 from tests.helpers.runs import assert_same, points
 from tests.helpers.trainers import make, weights
 
-pytestmark = pytest.mark.usefixtures("one_torch_thread")
 OWN = Pooled.__module__
 EACH = 8 * 32 * 2  # agent-steps of a rollout
 TINY: dict[str, Any] = {"worlds": 8, "rollout": 8 * 32, "threads": 1, "quiet": True}

@@ -11,14 +11,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
 import outlast
 from outlast import make_vec, variant
-
-pytest.importorskip("torch", reason="needs torch: outlast[train]")
-pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
-
-import torch
 
 SOURCES = Path(outlast.__file__).parent / "training"
 MAKERS = re.compile("arange|as_tensor|empty|eye|full|linspace|ones|rand|randn|randperm|tensor|zeros")

@@ -21,10 +21,6 @@ from outlast.envs.cli.main import parser
 from outlast.envs.core.options import flag_of, options_of
 from outlast.envs.errors import UsageError
 from outlast.envs.rollout.saved import CHECKPOINT
-
-pytest.importorskip("torch", reason="needs torch: outlast[train]")
-pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
-
 from outlast.training.base.config import RunOptions, TrainingConfig, Workload
 from outlast.training.base.errors import TrainingError
 from outlast.training.cli import train
@@ -34,7 +30,6 @@ from tests import options
 from tests.helpers.runs import assert_same, names, outlast_train, points
 from tests.training.test_crew import children
 
-pytestmark = pytest.mark.usefixtures("one_torch_thread")
 TINY: dict[str, Any] = {"preset": "original", "worlds": 8, "rollout": 512, "threads": 1, "settings": {"n_epochs": 1}}
 WORDS = ("--preset=original", "--worlds=8", "--rollout=512", "--threads=1", "--ppo=n_epochs=1", "--quiet")
 

@@ -6,17 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
 from outlast.distributions import integers
 from outlast.ecs import NumberError
 from outlast.envs.rollout.saved import CHECKPOINT
 from outlast.envs.scenarios.fingerprint import fingerprint
-
-pytest.importorskip("torch", reason="needs torch: outlast[train]")
-pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
-
-import torch
-
 from outlast.training.base.annealing import parse_anneal
 from outlast.training.base.config import IMITATED, TrainingConfig, parse_warm_start
 from outlast.training.base.errors import TrainingError
@@ -27,7 +22,6 @@ from tests.helpers.runs import EACH, SHORT, names
 from tests.helpers.runs import config as tiny
 from tests.helpers.runs import points as logged
 
-pytestmark = pytest.mark.usefixtures("one_torch_thread")
 START = CHECKPOINT.format(0)
 
 

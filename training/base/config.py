@@ -44,10 +44,8 @@ IMITATED = 1_500_000  # agent-steps of imitation, unless others are asked for
 def parse_warm_start(text: str) -> tuple[str, int]:
     """Parse what policies start from: a name or a path, and the agent-steps of imitation; 0: the weights are taken.
 
-    "scripted" or "scripted:2e6", and others of TEACHERS: policies learn to imitate it, for so many agent-steps.
-    "FILE.zip:2e6": they imitate the policy in a file, whatever networks it has. "FILE.zip": they take the weights in
-    it, for which it needs a critic. "": random weights. A file may also be FILE.safetensors, and the folder of a run
-    stands for its newest checkpoint. Raises TrainingError if the text is none of these.
+    Networks of any kind can be imitated; to take weights, a file needs a critic. "": random weights. Raises
+    TrainingError if the text is none of what `warm_start` of TrainingConfig says.
     """
     whole = ":" not in text or is_saved(text) or Path(text).is_dir()  # as C:/runs is
     name, _, length = (text, "", "") if whole else text.rpartition(":")
@@ -222,7 +220,8 @@ class TrainingConfig:
             raise TrainingError(str(error)) from None
         for name, value in whole.items():
             object.__setattr__(self, name, int(value))
-        if self.dead == "drop" and self._comes_back():
+        kinds = (kind for module in self.scenario.modules for kind in module.archetypes())
+        if self.dead == "drop" and any(isinstance(part, Return) for kind in kinds for part in kind.parts):
             raise TrainingError("dead = 'drop': agents come back here, so no return ends at a death; take 'keep'")
         if self.prioritised and PAST not in self.opponents and len(self.opponents.keys() - {SELF}) < 2:
             raise TrainingError("prioritised needs several opponents to choose among: name some, such as self:1,past:1")
@@ -255,11 +254,6 @@ class TrainingConfig:
         name, imitated = self.teacher
         if imitated and is_saved(name) and self.processes > 1:
             raise TrainingError(f"{name} draws numbers in turn: imitate it with one process, then resume with several")
-
-    def _comes_back(self) -> bool:
-        """Return whether dead agents return to the world."""
-        kinds = (kind for module in self.scenario.modules for kind in module.archetypes())
-        return any(isinstance(part, Return) for kind in kinds for part in kind.parts)
 
     def _check_cameras(self) -> None:
         """Raise TrainingError if the preset would replace the cameras_mode that the scenario asks for."""

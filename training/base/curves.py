@@ -137,14 +137,11 @@ def format_curves(runs: Mapping[str, Described]) -> bytes:
     tags, rows = sorted({tag for _, curves in runs.values() for tag in curves.values}), list[list[Any]]()
     for name, (_, curves) in runs.items():
         none = np.full(len(curves.steps), np.nan)
-        columns = [map(_short, curves.values.get(tag, none)) for tag in tags]
+        values = (curves.values.get(tag, none) for tag in tags)
+        columns = [["" if np.isnan(x) else np.format_float_positional(x, trim="-") for x in own] for own in values]
         rows += ([name, *row] for row in zip(curves.steps.tolist(), *columns, strict=True))
     about = json.dumps({name: about for name, (about, _) in runs.items()}, separators=(",", ":"))
     return packed(f"# {about}\n" + csv_text(["run", "step", *tags], rows))
-
-
-def _short(value: Any) -> str:
-    return "" if np.isnan(value) else np.format_float_positional(value, trim="-")
 
 
 def read_curves(path: Path) -> dict[str, Described]:

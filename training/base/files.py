@@ -22,14 +22,14 @@ def read_text(path: Path) -> str:
     return _read(limited_read.read_text, path)
 
 
-def read_bytes(path: Path) -> bytes:
-    """Return the content of a file. Raises TrainingError if it cannot be read."""
-    return _read(limited_read.read_bytes, path)
+def read_bytes(path: Path, most: int = LARGEST) -> bytes:
+    """Return the content of a file of at most so many bytes. Raises TrainingError if it cannot be read."""
+    return _read(limited_read.read_bytes, path, most)
 
 
-def _read(read: Callable[[Path, int], T], path: Path) -> T:
+def _read(read: Callable[[Path, int], T], path: Path, most: int = LARGEST) -> T:
     try:
-        return read(path, LARGEST)
+        return read(path, most)
     except OSError as error:
         raise TrainingError(f"{path} cannot be read: {error.strerror}") from error
     except ValueError as error:

@@ -12,10 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from outlast.envs.storage import limited_read
-
 from .errors import TrainingError, needed
-from .files import write_files
+from .files import read_bytes, write_files
 from .run_header import NEEDED, WEIGHTS, Header, parse_header, read_checkpoint
 
 SUFFIX = ".safetensors"
@@ -103,10 +101,9 @@ def _by_policy(tensors: Mapping[str, Array], name: object) -> list[dict[str, Arr
 
 def _opened(path: Path) -> tuple[str, dict[str, Array]]:
     """Return run.json as it is, and all tensors."""
+    content = read_bytes(path, LARGEST)
     try:
-        return parse_tensors(limited_read.read_bytes(path, LARGEST))
-    except OSError as error:
-        raise TrainingError(f"{path} cannot be read: {error.strerror or error}") from error
+        return parse_tensors(content)
     except ValueError as error:
         raise TrainingError(f"{path} is not a policy: {error}") from error
 

@@ -8,9 +8,10 @@ from typing import Any
 
 from outlast.ecs.declarations.fields import SMALLEST
 from outlast.envs.scenarios.fingerprint import is_fingerprint, is_word
-from outlast.envs.storage import limited_read, safe_npz, strict_json
+from outlast.envs.storage import safe_npz, strict_json
 
 from .errors import TrainingError
+from .files import read_bytes
 from .observation_layout import MASK, OWN
 from .presets import PRESETS
 
@@ -40,16 +41,9 @@ def read_checkpoint(path: Path, entries: Collection[str], needed: Collection[str
 
 def read_run_folder(folder: Path) -> Header:
     """Read the header of the run in a folder; it is there before any checkpoint is. Raises TrainingError."""
-    path = folder / NAME
-    try:
-        content = limited_read.read_bytes(path, LONGEST)
-    except FileNotFoundError as error:
-        raise TrainingError(f"{folder} has no {NAME}, which describes what is trained in it") from error
-    except OSError as error:
-        raise TrainingError(f"{path} cannot be read: {error.strerror}") from error
-    except ValueError as error:
-        raise TrainingError(f"{path} does not describe a run: {error}") from error
-    return parse_header(path, content, ("plan", "scenario"))
+    if not (path := folder / NAME).exists():
+        raise TrainingError(f"{folder} has no {NAME}, which describes what is trained in it")
+    return parse_header(path, read_bytes(path, LONGEST), ("plan", "scenario"))
 
 
 def parse_header(path: Path, content: bytes, needed: Collection[str]) -> Header:

@@ -92,7 +92,8 @@ def probability_of_improvement(ours: Scores, theirs: Scores) -> Any:
     if unmatched := set(ours) ^ set(theirs):
         raise TrainingError(f"only one of two has scores of {', '.join(sorted(map(str, unmatched)))}: compare the same")
     pairs = zip(_checked(ours), _checked({task: theirs[task] for task in ours}), strict=True)
-    return np.mean([_better(mine[..., :, None], other[..., None, :]) for mine, other in pairs], 0)
+    each = ((mine[..., :, None], other[..., None, :]) for mine, other in pairs)
+    return np.mean([((a > b).mean((-2, -1)) + (a >= b).mean((-2, -1))) / 2 for a, b in each], 0)
 
 
 def performance_profile(scores: Scores, thresholds: Sequence[float] | Array) -> Array:
@@ -154,12 +155,6 @@ def percentile_interval(resampled: Array) -> tuple[Any, Any]:
 
 def _task_means(scores: Scores) -> list[Array]:
     return [each.mean(-1) for each in _checked(scores)]
-
-
-def _better(mine: Array, theirs: Array) -> Array:
-    """Return the share of pairs (the last two axes) in which mine is more; equal ones count half."""
-    share: Array = ((mine > theirs).mean((-2, -1)) + (mine >= theirs).mean((-2, -1))) / 2
-    return share
 
 
 def _resampled(scores: Scores, reps: int, generator: np.random.Generator) -> dict[str, Array]:

@@ -100,7 +100,11 @@ def load(places: Iterable[Path]) -> list[Run]:
     found, reasons = list[Run](), list[str]()
     for path in dict.fromkeys(path for place in places for path in _found(place)):
         try:
-            found.append(_of_folder(path) if path.is_dir() else read_kept(path))
+            if path.is_dir():
+                header = run_header.read_run_folder(path)
+                found.append(run_of(path, header, curves_of_log(path / log_file.NAME, is_known)))
+            else:
+                found.append(read_kept(path))
         except EmptyRunError as error:
             reasons.append(str(error))
     if reasons and not found:
@@ -200,8 +204,3 @@ def _played(scenario: dict[str, Any]) -> dict[str, Any]:
     more |= {"order": "; ".join(" < ".join(chain) for chain in order)} if order else {}
     more |= {f"code of {name}": digest[:8] for name, (_, _, digest) in code.items()}
     return {**scenario["numbers"], **drawn, **more}
-
-
-def _of_folder(folder: Path) -> Run:
-    header = run_header.read_run_folder(folder)
-    return run_of(folder, header, curves_of_log(folder / log_file.NAME, is_known))

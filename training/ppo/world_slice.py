@@ -104,9 +104,8 @@ class Lane:
         """Make a lane, in worlds that have been reset, in which the present selves play everywhere.
 
         packer: That of the learners' networks. team: int (agents of a world,). opponents: Who may play.
-        dead: "keep": an agent's samples go on until its episode ends. "drop": they end with its death. masked: Whether
-        learners take `noop` in place of actions that can change nothing. state: Whether critics learn from the state of
-        the worlds. curriculum: What levels are drawn from; None: worlds draw their own.
+        dead: "keep": an agent's samples go on until its episode ends. "drop": they end with its death. masked: See
+        Preset. state: Whether critics learn from it. curriculum: What levels are drawn from; None: worlds draw theirs.
         """
         self.curriculum, self.keys = curriculum, np.stack(key_of(env.worlds), 1)
         self.played: list[Ended] = []

@@ -174,7 +174,7 @@ def expected_seconds(chosen: Sequence[Experiment]) -> tuple[list[float], list[bo
 
     If it was not, its time is guessed to be the mean over its preset, or over one with the same networks.
     """
-    known = _timed()
+    known = _read_seconds(files(__package__).joinpath(SECONDS).read_text(encoding="utf-8"))
     alike = {preset: mean(s for key, s in known.items() if key[2] == preset) for *_, preset in known}
     alike = {preset: alike[same] for preset, same in SAME_NETWORKS.items() if same in alike} | alike
     seconds = [known.get(each.key, alike.get(each.preset, each.steps / GUESS)) for each in chosen]
@@ -193,10 +193,6 @@ def seconds_table(chosen: Iterable[Experiment], out: Path, before: str = "") -> 
         if every or each.key in known:
             rows.append((*each.key, round(mean(every) if every else known[each.key])))
     return csv_text(("part", "game", "preset", "seconds"), rows)
-
-
-def _timed() -> dict[tuple[str, str, str], float]:
-    return _read_seconds(files(__package__).joinpath(SECONDS).read_text(encoding="utf-8"))
 
 
 def _read_seconds(text: str) -> dict[tuple[str, str, str], float]:

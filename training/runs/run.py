@@ -131,20 +131,10 @@ class TrainingRun:
         cluster: str | None = None,
         callbacks: Sequence[Any] = (),
     ) -> None:
-        """Make the worlds and networks, and write run.json.
+        """Make the worlds and networks, and write run.json; the folder is made if it is not there. See RunOptions.
 
-        Args:
-            config: What to train, and how.
-            folder: Made if it is not there.
-            resume: Go on from the newest checkpoint, or begin again if the run was stopped before its first.
-            film: Whether to make a short film of each checkpoint, beside it.
-            cluster: Address of the Ray cluster that all processes but this one run on, "" for the one of this machine;
-                None: all run on this machine.
-            callbacks: Objects with methods of Callbacks.
-
-        Raises:
-            ClusterError: There is no such cluster, or it is too small.
-            TrainingError: The run cannot begin or go on there; nothing is written.
+        A run that was stopped before its first checkpoint begins again. Raises ClusterError: there is no such cluster,
+        or it is too small. Raises TrainingError: the run cannot begin or go on there; nothing is written.
         """
         self.config, self.folder, self.film, self.callbacks = config, folder, film, callbacks
         there = self._there()
