@@ -19,15 +19,15 @@ T = TypeVar("T")
 
 def read_text(path: Path) -> str:
     """Return the content of a text file. Raises TrainingError if it cannot be read."""
-    return _read(limited_read.read_text, path)
+    return _read(limited_read.read_text, path, LARGEST)
 
 
-def read_bytes(path: Path, most: int = LARGEST) -> bytes:
-    """Return the content of a file of at most so many bytes. Raises TrainingError if it cannot be read."""
-    return _read(limited_read.read_bytes, path, most)
+def read_bytes(path: Path, most: int = 0) -> bytes:
+    """Return the content of a file of at most so many bytes; 0: LARGEST. Raises TrainingError if it cannot be read."""
+    return _read(limited_read.read_bytes, path, most or LARGEST)
 
 
-def _read(read: Callable[[Path, int], T], path: Path, most: int = LARGEST) -> T:
+def _read(read: Callable[[Path, int], T], path: Path, most: int) -> T:
     try:
         return read(path, most)
     except OSError as error:

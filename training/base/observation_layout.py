@@ -68,12 +68,9 @@ class ObservationLayout:
         return found
 
     def own_views(self, own: Array) -> dict[str, Array]:
-        """Return views of the numbers that belong to no entity, (..., own), by key."""
-        views, start = {}, 0
-        for key, width in self.alone.items():
-            views[key] = own[..., start : start + width]
-            start += width
-        return views
+        """Return views of the numbers that belong to no entity, by key. own: (..., own), or with more behind."""
+        parts = np.split(own, np.cumsum([*self.alone.values()]), -1)
+        return dict(zip(self.alone, parts, strict=False))
 
     def views(self, packed: Array) -> dict[str, Array]:
         """Return views of a packed array (..., size), by key."""

@@ -102,15 +102,9 @@ def _are_fields(given: Any) -> bool:
         return False
     entries = [entry for fields in given.values() for entry in fields.values()]
     names = [*given, *(name for fields in given.values() for name in fields)]
-    sound = all(
-        isinstance(each, list) and len(each) == 2 and _is_size(each[0]) and _is_scale(each[1]) for each in entries
-    )
-    return (
-        sound
-        and all(map(is_word, names))
-        and all(size for size, _ in entries)
-        and sum(size for size, _ in entries) <= MOST
-    )
+    pairs = all(isinstance(each, list) and len(each) == 2 for each in entries) and all(map(is_word, names))
+    sound = pairs and all(_is_size(size) and size and _is_scale(scale) for size, scale in entries)
+    return sound and sum(size for size, _ in entries) <= MOST
 
 
 def _is_scale(given: Any) -> bool:
