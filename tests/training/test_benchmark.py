@@ -353,16 +353,6 @@ def test_another_response_is_found(first: Result, results: Path, tmp_path: Path)
     assert policy_facts.wrong_with_response(tmp_path / "response.safetensors", tasks.task_of(NAME), 0, BUDGET) == ""
 
 
-@pytest.mark.parametrize(("share", "fine"), [(1, True), (0.71, True), (0.7, False), (1.01, False)])
-def test_errors_may_count_all_episodes_as_they_once_did(first: Result, share: float, fine: bool) -> None:
-    """Of two episodes of many, the error of before is that of now times the root of a half."""
-    figures = first.against["trained", "scripted"]["figures"][0]
-    mean, error = figures["life"]
-    figures["life"] = [mean, share * error]
-    assert error > 0
-    assert (wrong(first, ("trained", "scripted")) == []) == fine
-
-
 def test_matches_that_were_not_played_are_missing(first: Result) -> None:
     response = first.against["trained", "response"]
     first.content["matches"].remove(response)
