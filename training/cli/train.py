@@ -17,6 +17,7 @@ from outlast.envs.cli.options import STOPPED, add_options, add_scenario, given_o
 from outlast.envs.core.options import options_of
 from outlast.envs.rollout.lineup import parse_lineup
 from outlast.envs.rollout.saved import checkpoints
+from outlast.envs.scenarios.derivation import as_filename
 from outlast.envs.scenarios.scenario import Scenario
 
 from ..base import config as known
@@ -106,7 +107,9 @@ class PlannedRun:
     @property
     def folder_name(self) -> str:
         """Return the name of its folder, unless the user gives one."""
-        return "-".join((self.config.scenario.file_name, *self.marks, self.config.preset, str(self.config.seed)))
+        return "-".join(
+            (self.config.scenario.file_name, *map(as_filename, self.marks), self.config.preset, str(self.config.seed))
+        )
 
     def words(self) -> list[str]:
         """Return the words of a command line that only this run has."""
@@ -132,7 +135,7 @@ def _each_run(options: argparse.Namespace) -> Iterator[PlannedRun]:
     if options.sweep and options.save_scenario is not None:
         raise TrainingError("--save-scenario writes one scenario, and --sweep makes several: leave one of them out")
     for name, values, own in itertools.product(options.variant, itertools.product(*options.sweep), options.seed):
-        ppo = tuple(text for text in values if text.partition("=")[0] in KINDS)
+        ppo = tuple(text for text in values if text.partition("=")[0].rpartition(":")[2] in KINDS)
         numbers = [text for text in values if text not in ppo]
         for text in numbers:
             scenario(options, name).find_number(text.partition("=")[0], KINDS)  # whose error may mean one of PPO
