@@ -165,6 +165,16 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.nightly
 @once
+def test_recordings_play_in_pages(site: Path) -> None:
+    """Those that pages link to, each in one small file."""
+    pages = {name for text in PAGES.values() for name in re.findall(r'<a href="([\w-]+\.html)">', text)}
+    assert len(pages) == 4
+    for name in pages if importlib.util.find_spec("torch") else {"replay.html"}:
+        assert 50_000 < (site / name).stat().st_size < 1_000_000, name
+
+
+@pytest.mark.nightly
+@once
 def test_the_site_has_all_that_there_is(site: Path) -> None:
     def words_of(page: str) -> set[str]:
         words = re.sub(r"<[^>]+>", " ", (site / f"{page}.html").read_text())
