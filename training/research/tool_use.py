@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from outlast.ecs import role
-from outlast.envs.cli.options import OUTPUT, output, positive
+from outlast.envs.cli.options import output, positive
+from outlast.envs.core.options import OUTPUT
 from outlast.envs.scenarios.parse import resolve
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.text_table import text_table
@@ -52,7 +53,7 @@ def ablated(scenario: Scenario, changes: dict[str, dict[str, Any]]) -> Scenario:
     """Return the scenario, in which agents of some roles lack something."""
     hiders, seekers = map(int, scenario.numbers()["teams_sizes"])
     counts = {"hider": hiders, "seeker": seekers}
-    roles = {name: role(count, **changes.get(name, {})) for name, count in counts.items()}
+    roles: dict[str, Any] = {name: role(count, **changes.get(name, {})) for name, count in counts.items()}
     return scenario.roles(observed=False, **roles)
 
 
