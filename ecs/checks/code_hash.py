@@ -61,7 +61,7 @@ def _describe_module(module: Module) -> Iterator[str]:
         functions += [each for each in (system.function, *services) if is_outside(each)]
     for component in sorted(components, key=full_name):
         yield _describe_component(component)
-    for function in functions:  # grows meanwhile
+    for function in functions:  # grows in the loop
         yield read_code(function.__code__)[0]
         for name, value in references(function):
             yield from _describe_value(name, value, functions)

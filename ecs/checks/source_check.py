@@ -52,7 +52,7 @@ def check_source(system: System) -> tuple[Columns, Columns]:
     function: Any = getattr(system.function, "py_func", system.function)
     tables = {p.name: (p.components[0], p.kind, "") for p in system.parameters if p.kind in ("read", "write", "add")}
     ahead, used, written = [_Uses(function, tables, "")], Columns(), Columns()
-    for each in ahead:  # grows meanwhile
+    for each in ahead:  # grows in the loop
         for node, (component, access, column) in each.columns():
             parent = each.parents[node]
             used.add((component, column))

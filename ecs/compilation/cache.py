@@ -48,7 +48,7 @@ class CompiledUnits:
         parts: Kernels of three int64 arguments by label, which machine code calls by their address, like units.
 
     Attributes:
-        compiled: Labels of what `load` did not find: it was compiled here, or by other processes meanwhile.
+        compiled: Labels of what `load` did not find: it was compiled here, or by other processes.
     """
 
     def __init__(self, units: Sequence[Unit], functions: Mapping[str, Any], parts: Mapping[str, Any]) -> None:

@@ -2,7 +2,7 @@
 
 A step checks and takes actions, runs the tick, and finds out which episodes are over (`step`). The tick takes a few
 worlds at a time through all units (`run_units`, see compilation.tick). The state of these worlds stays in the
-processor's cache meanwhile. Each unit also prefetches a part of the state of the next ones, a few cache lines for each
+processor's cache. Each unit also prefetches a part of the state of the next ones, a few cache lines for each
 of its worlds: more lines at once would wait for each other. Lines that no tick touches are left out.
 """
 

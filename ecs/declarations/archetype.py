@@ -118,7 +118,7 @@ def _with_brought(name: str, parts: tuple[Component, ...]) -> tuple[Component, .
 def _with_required(parts: tuple[Component, ...]) -> tuple[Component, ...]:
     """Return the components of a kind, and those that they require, with default values."""
     found, have = list(parts), {type(part) for part in parts}
-    for part in found:  # `found` grows meanwhile
+    for part in found:  # `found` grows in the loop
         for required in part.requires:
             if required not in have:
                 have.add(required)

@@ -186,7 +186,7 @@ class FilmOptions:
 
 @dataclass(frozen=True)
 class PageOptions:
-    """Where a page is served."""
+    """The address of a page."""
 
     port: int = option(0, PAGE, "port on which the page is served (default: 0, any free port)", metavar="PORT")
     host: str = option(

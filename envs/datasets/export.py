@@ -67,7 +67,7 @@ def _said_of(path: str) -> Iterator[None]:
     """Turn errors of disks and missing libraries into RecordingErrors."""
     try:
         yield
-    except FileExistsError as error:  # another process has written it meanwhile, see atomic_write
+    except FileExistsError as error:  # another process has written it, see atomic_write
         raise RecordingError(f"{path} exists, {error.strerror}") from error
     except OSError as error:
         place = f"{path} ({error.filename})" if path.startswith(MINARI) and error.filename else path

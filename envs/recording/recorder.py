@@ -231,7 +231,7 @@ class _Appender:
         self._pending_bytes, self._since = 0, time.monotonic()
 
     def _appear(self, target: Path) -> None:
-        """Give the file its name. Raises OSError, as if another process has written one of that name meanwhile."""
+        """Give the file its name. Raises OSError, as if another process has written one of that name."""
         with interrupts_held():
             os.close(self._descriptor)  # on Windows, files that are open cannot be renamed
             self._descriptor = -1

@@ -68,7 +68,7 @@ def table_file(
 
     Raises:
         UsageError: The ending is another one, the file exists, the folder does not, the disk is full, or pyarrow is
-            missing for .parquet. If another process has made the file meanwhile, the rows are in a file with a number
+            missing for .parquet. If another process has made the file, the rows are in a file with a number
             in its name, which the error names.
     """
     target = check_table(path, what, typed=types is not None)

@@ -90,10 +90,10 @@ def atomic_write(target: Path, *, new: bool = False) -> Iterator[Path]:
 
     Args:
         target: Where the file or folder goes.
-        new: Whether the target was not there before; if another process has written it meanwhile, it is not replaced.
+        new: Whether the target was not there before; if another process has written it, it is not replaced.
 
     Raises:
-        FileExistsError: Another process has written a `new` target meanwhile. What was written here is kept as NAME-2;
+        FileExistsError: Another process has written a `new` target. What was written here is kept as NAME-2;
             the message says so.
     """
     if target.exists() and not target.is_file() and not target.is_dir():

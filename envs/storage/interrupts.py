@@ -40,7 +40,7 @@ def one_interrupt(seconds: float = math.inf) -> Iterator[list[float]]:
         seconds: How long further ones do nothing after one that has interrupted.
 
     Yields:
-        That number in a list, in which it can be changed meanwhile.
+        That number in a list, in which it can be changed.
     """
     before, pause = signal.getsignal(signal.SIGINT), [seconds]
     if threading.current_thread() is not threading.main_thread() or not callable(before):
@@ -66,7 +66,7 @@ def one_interrupt(seconds: float = math.inf) -> Iterator[list[float]]:
 
 @contextlib.contextmanager
 def left_whole() -> Iterator[contextlib.ExitStack]:
-    """Let all contexts of a stack be left completely: Ctrl-C that comes meanwhile waits, and a second one is dropped.
+    """Let all contexts of a stack be left completely: a Ctrl-C during that waits, and a second one is dropped.
 
     Yields:
         The stack, whose contexts are left at the end.

@@ -137,7 +137,7 @@ class EntryRun:
     def run(self) -> Result:
         """Do everything that is not done yet. Ctrl-C saves, and is raised. Raises TrainingError."""
         with self._alone():
-            self.result = self._there(self.entry)  # which another process may have gone on with meanwhile
+            self.result = self._there(self.entry)  # which another process may have gone on with
             return self._run()
 
     @contextmanager

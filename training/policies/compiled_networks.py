@@ -2,7 +2,7 @@
 
 PyTorch's form, ActorCritic, is what they are compared with, and what runs on a GPU, with a memory, with a critic of the
 state and with other presets. It goes through a whole batch with each of some hundred operations; here, a block of
-agents goes through all layers while its numbers are in the cache, and other threads of Python run meanwhile.
+agents goes through all layers while its numbers are in the cache, and other threads of Python run at the same time.
 """
 
 import math

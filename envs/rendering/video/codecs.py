@@ -86,7 +86,7 @@ def _stderr_muted() -> Iterator[None]:
     Messages(sys.stderr).flush()
     try:
         kept = os.dup(2)
-    except OSError:  # it is closed: nothing else may get its number meanwhile, as FFmpeg would write into that
+    except OSError:  # it is closed: nothing else may get its number, as FFmpeg would write into that
         kept = None
     nowhere = os.open(os.devnull, os.O_WRONLY)
     try:

@@ -46,7 +46,7 @@ def footage(
         mosaic: Rows and columns of pictures, filled row by row; cells without a world are black. None: nearly a square.
         every: The first state is drawn, and then every `every`-th one.
         title: What the title says: the game, and who plays.
-        hold: For how many more frames the end of an episode is shown. A single world stands still meanwhile. In a
+        hold: For how many more frames the end of an episode is shown. A single world stands still. In a
             mosaic the worlds go on, so the end is shown for this many ticks, in at least one frame, and the first ticks
             of that world's next episode are not seen.
 
