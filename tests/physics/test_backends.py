@@ -27,6 +27,8 @@ CONSTANTS = {
     "CIRCLE",
     "POLYGON",
     "SOLID",
+    "TOUCHING",
+    "POST_SOLVE",
 }  # Box2D's own numbers, not places
 UNREAD = {"STEP_INVERSE_DT", "STEP_POSITION"}  # written, but by nothing that is called here ever read
 IN_PLACE = {"WORLD_SIZE", "BODY_SIZE"}  # found out to the next word
