@@ -71,10 +71,9 @@ class Sample:
             self.world.DestroyBody(spare)
         self.start = (*self.disc.worldCenter, self.disc.angle)
         self.moved = read(int(self.world.contactManager.this), "MOVE_COUNT", ctypes.c_int32)
-        self.world.contactListener = listener = _Listener()
+        self.world.contactListener = self.listener = _Listener()
         self.world.Step(1 / 60, 10, 10)
-        self.world.contactListener = None
-        self.counts = listener.counts
+        self.counts = self.listener.counts
         self.disc.fixtures[0].sensor = True
         self.joined, self.joints = _joined()
         self.wedge = Box2D.b2PolygonShape(vertices=[(0.1, 0.2), (1.5, 0.3), (0.4, 0.9)])
