@@ -27,16 +27,18 @@ from outlast.envs.cli.grammar import Parser
 from outlast.envs.cli.options import scenario
 from outlast.envs.cli.overview import SECTIONS, summaries
 from outlast.envs.rollout.policies import POLICIES
+from outlast.envs.scenarios.hide_and_seek import SCENARIOS
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.levels import FloorPlan
 from tests.conftest import interrupted_after, run
 
 
-def test_variants_lists_all_eight_with_their_original_names(capsys) -> None:
+def test_variants_lists_all_eight_and_hide_and_seek(capsys) -> None:
     status, out, _ = run(capsys, "variants")
     assert status == 0
-    variants, ablations = out.split("\n\n")
+    variants, installed, ablations = out.split("\n\n")
     assert len(variants.splitlines()) == 8
+    assert {*SCENARIOS} <= {line.split()[0] for line in installed.splitlines()[1:]}
     assert len(ablations.splitlines()) == 1 + len(ABLATIONS)
     assert "teams_4  2v2_all_high" in out
     with pytest.raises(SystemExit, match="0"):
