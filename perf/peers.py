@@ -88,7 +88,7 @@ class Timed:
 
     def __init__(self, python: str, row: Row) -> None:
         self.row, self.seconds = row, list[float]()
-        command = [python, STEPS, row.maker, row.game, str(row.worlds), json.dumps(row.options)]
+        command = [python, str(STEPS), row.maker, row.game, str(row.worlds), json.dumps(row.options)]
         kept = {name: value for name, value in os.environ.items() if name != "PYTHONPATH" or row.library == "outlast"}
         self.process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=kept | ENVIRONMENT

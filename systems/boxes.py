@@ -245,7 +245,7 @@ def outline(into: Array, shape: Array, e: int, rolled: bool) -> None:
 @kernel
 def box_outline(i: int, e: int, into: Array, shape: Read[Shape], box: Read[Box], corners: int) -> None:
     """Write the vertices of a standing box."""
-    outline(into, shape, e, corners == ROLLED and box.placed[e] != 0)
+    outline(into, shape, e, corners == ROLLED and e >= 0 and box.placed[e] != 0)
 
 
 @kernel

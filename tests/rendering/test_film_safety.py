@@ -113,7 +113,7 @@ def test_gifs_have_a_highest_speed(tmp_path: Path) -> None:
 def test_without_ffmpeg_the_error_says_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     for suffix in (".mp4", ".gif"):
-        with pytest.raises(FilmError, match=r"pip install 'outlast\[video\]'.*\.webm"):
+        with pytest.raises(FilmError, match=r"pip install 'outlast\[view\]'.*\.webm"):
             write_film(tmp_path / f"film{suffix}", frames())
     for suffix in (".webm", ".apng", ""):
         assert write_film(tmp_path / f"film{suffix}", frames(3)) == 3

@@ -212,7 +212,7 @@ def test_without_a_network_the_message_names_the_cure(server: Server, tmp_path: 
 def test_without_pooch_the_message_names_the_cure(monkeypatch) -> None:
     monkeypatch.setenv(ADDRESS, "http://127.0.0.1:9/results")
     monkeypatch.setitem(sys.modules, "pooch", None)
-    with pytest.raises(UsageError, match=rf"{NAME} is downloaded by pooch: pip install 'outlast\[models\]'"):
+    with pytest.raises(UsageError, match=rf"{NAME} is downloaded by pooch: pip install 'outlast\[train\]'"):
         fetched(NAME)
 
 
