@@ -78,8 +78,8 @@ HIDE_DOOR = hide_and_seek(
 )
 HIDE_SMALL = hide_and_seek(
     "hide_small",
-    "one against one: the hider begins in a quadrant with one door and a crate",
-    *(Quadrant(closed=1.0, hiders_inside=True), Things(crates=1, ramps=0), LIDAR),
+    "one against one: the hider begins in a small quadrant with one door and a crate",
+    *(Quadrant(share=0.35, closed=1.0, hiders_inside=True), Handling(reach=0.5), Things(crates=1, ramps=0), LIDAR),
     hiders=1,
     seekers=1,
 )

@@ -295,7 +295,7 @@ def test_a_world_alone_is_the_world_of_a_batch():
 def test_scripted_agents_play_the_game():
     found = {}
     for name in ("noop", "scripted"):
-        env = outlast.make_vec(SCENARIOS["hide_small"], 64, seed=0)
+        env = outlast.make_vec(HIDE_DOOR, 64, seed=0)
         observations, _ = env.reset()
         policies = [
             outlast.policies.scripted_policy(env),
@@ -303,7 +303,7 @@ def test_scripted_agents_play_the_game():
         ]
         for _ in range(240):
             hiders, seekers = (np.array(policy(observations)) for policy in policies)
-            observations, *_, info = env.step(np.concatenate([hiders[:, :1], seekers[:, 1:]], 1))
+            observations, *_, info = env.step(np.concatenate([hiders[:, :2], seekers[:, 2:]], 1))
         found[name] = info["statistics"]
     assert found["scripted"]["ticks_seen"].mean() > 2 * found["noop"]["ticks_seen"].mean()
-    assert found["scripted"]["locks"][:, 0].mean() > 0.8
+    assert found["scripted"]["locks"][:, 0].mean() > 1.5
