@@ -45,7 +45,7 @@ from outlast.ecs import (
 from outlast.ecs.kernels.simd import SIMD_SHIFT, SIMD_WIDTH, load_flags, to_bits
 
 from .geometry.bounds import check_fits, ends, farthest_body
-from .observation_rows import observe, write_rows
+from .observation_rows import MOTION, observe, write_rows
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,6 @@ def number_of(i: int, e: int) -> int:
     return i
 
 
-MOTION = {name: getattr(Body, name) for name in ("x", "y", "angle", "vx", "vy", "omega")}
 observe(Agents, SelfView, "own", Side, id=number_of, **MOTION)
 
 

@@ -108,10 +108,11 @@ def write_block(
 NUMBERS = (int, float, bool)  # annotations of numbers of mechanics, which are found by their names
 BODY: dict[str, dict[str, Any]] = {  # fields of columns of Body
     **{key: {"unit": "m", "scale": half_room} for key in ("x", "y")},
-    **{key: {"unit": "m/s", "scale": SPEED} for key in ("vx", "vy")},
     "angle": {"unit": "rad", "scale": math.pi},
+    **{key: {"unit": "m/s", "scale": SPEED} for key in ("vx", "vy")},
     "omega": {"unit": "rad/s", "scale": SPIN},
 }
+MOTION = {key: getattr(Body, key) for key in BODY}  # place and motion, as values of `rows` and `observe`
 
 
 def rows(mechanic: type[Module], key: str, kind: type[Component], /, **values: Any) -> type[Observation]:

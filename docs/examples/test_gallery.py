@@ -9,7 +9,6 @@ from football import FOOTBALL
 from ice import ICE
 from key import KEY_AND_DOOR
 from mine import MINES
-from quadrant import QUADRANT
 from spring import SPRING
 from team_wall import TEAM_WALL
 from teleporter import TELEPORTER
@@ -21,7 +20,7 @@ from outlast.components.sight import is_set
 from outlast.ecs import Entity
 
 STAY, AHEAD, BACK, LEFT = (1, 1, 1), (2, 1, 1), (0, 1, 1), (1, 2, 1)
-GAMES = [BUTTON, CONVEYOR, FERRY, FOOTBALL, ICE, KEY_AND_DOOR, MINES, QUADRANT, SPRING, TEAM_WALL, TELEPORTER, TURRET]
+GAMES = [BUTTON, CONVEYOR, FERRY, FOOTBALL, ICE, KEY_AND_DOOR, MINES, SPRING, TEAM_WALL, TELEPORTER, TURRET]
 
 
 def made(scenario, worlds=1):
@@ -50,16 +49,6 @@ def test_a_game_without_hit_points_has_nothing_of_the_survival_game(scenario):
     assert not {"heals", "boxes", "zone", "heal_slot", "box_slot"} & {*env.fields}
     info = play(env, 300, *[STAY] * env.num_agents)[-1]
     assert {*info["statistics"]} <= {"length", "return", "outcome"}
-
-
-def test_crates_start_in_a_quadrant_that_is_drawn_and_agents_outside():
-    _, body, span = made(QUADRANT, 64)
-    crates, agents = span("crate"), span("agent")
-    assert (np.maximum(body.x[:, crates], body.y[:, crates]) < 0).all()
-    assert (np.maximum(body.x[:, agents], body.y[:, agents]) > 0).all()
-    walls = body.x[:, span("inner_wall")]
-    assert len(np.unique(walls[:, 0])) == 64
-    assert outlast.check(QUADRANT.replace(crates_count=0)) == []
 
 
 def test_a_goal_pays_one_side_and_costs_the_other():

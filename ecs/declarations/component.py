@@ -34,17 +34,8 @@ from .fields import Field
 
 OTHER_FLOATS = ("f2", "f12", "f16")  # float types that kernels cannot compute with
 INDICES = {"entity": "rows"}  # units of indices: the dimension of each; see index_unit
-RESERVED = (
-    "Table",
-    "brings",
-    "columns",
-    "fills",
-    "keys",
-    "order",
-    "packed",
-    "requires",
-    "row_shape",
-)  # attributes of Component
+# attributes of Component
+RESERVED = ("Table", "brings", "columns", "fills", "keys", "order", "packed", "requires", "row_shape")
 
 
 @dataclass(frozen=True)

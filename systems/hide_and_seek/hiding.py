@@ -160,18 +160,19 @@ def track(
     if climbs is not None:
         for k in range(climbs.count[0]):
             tracked.climbs[side.side[climbs.agent[k]]] += 1
+    moved, locked, closed = (np.float32(0), np.float32(0)), (0, 0), 0  # crates, ramps
+    for e in things:
+        far: Any = np.float32(math.hypot(body.x[e] - movable.start_x[e], body.y[e] - movable.start_y[e]))
+        own = movable.locked_by[e] >= 0
+        if crate[e] >= 0:
+            moved, locked = (max(moved[0], far), moved[1]), (locked[0] + own, locked[1])
+        else:
+            moved, locked = (moved[0], max(moved[1], far)), (locked[0], locked[1] + own)
+    if doors is not None:
+        for k in range(doors.open.size):  # closed if an agent in the middle of the door would touch something
+            if doors.open[k]:
+                closed += around(bodies, members, doors.x[k], doors.y[k], shape.radius[agents[0]]) > 0
     for moment in range(int(clock.tick[0] > preparation_ticks), MOMENTS):
-        tracked.crates_moved[moment] = tracked.ramps_moved[moment] = 0
-        tracked.crates_locked[moment] = tracked.ramps_locked[moment] = tracked.doors_closed[moment] = 0
-        for e in things:
-            far: Any = np.float32(math.hypot(body.x[e] - movable.start_x[e], body.y[e] - movable.start_y[e]))
-            if crate[e] >= 0:
-                tracked.crates_moved[moment] = max(tracked.crates_moved[moment], far)
-                tracked.crates_locked[moment] += movable.locked_by[e] >= 0
-            else:
-                tracked.ramps_moved[moment] = max(tracked.ramps_moved[moment], far)
-                tracked.ramps_locked[moment] += movable.locked_by[e] >= 0
-        if doors is not None:
-            for k in range(doors.open.size):  # closed if an agent in the middle of the door would touch something
-                stands = around(bodies, members, doors.x[k], doors.y[k], shape.radius[agents[0]]) > 0
-                tracked.doors_closed[moment] += doors.open[k] and stands
+        tracked.crates_moved[moment], tracked.ramps_moved[moment] = moved
+        tracked.crates_locked[moment], tracked.ramps_locked[moment] = locked
+        tracked.doors_closed[moment] = closed

@@ -32,7 +32,7 @@ from outlast.ecs import (
 from outlast.systems.geometry.bodies import Bodies
 from outlast.systems.geometry.bounds import check_fits, ends, farthest_body
 from outlast.systems.geometry.queries import distance, within
-from outlast.systems.observation_rows import more_fields, rows
+from outlast.systems.observation_rows import MOTION, more_fields, rows
 
 KINDS = ("crate", "plank", "ramp")
 LONG, THIN, SLOPE = 3.3, 0.3, 1.5  # sides of planks, and the length of ramps, in sides of a crate
@@ -93,7 +93,6 @@ def remember_start(movable: Write[Movable], body: Read[Body], things: Rows[Movab
         movable.start_x[e], movable.start_y[e] = body.x[e], body.y[e]
 
 
-MOTION = {name: getattr(Body, name) for name in ("x", "y", "angle", "vx", "vy", "omega")}
 CratesView = rows(Things, "crates", Crate, **MOTION, half_width=Shape.half_width, half_height=Shape.half_height)
 RampsView = rows(Things, "ramps", Ramp, **MOTION)
 
@@ -219,13 +218,10 @@ def mask(
     for i in range(agents.size):
         e = agents[i]
         near = is_able(entities, aloft, e) and within(bodies, things, e, reach) > 0
-        idle.grab[i] = idle.lock[i] = 1
-        if near or welds.other[e] >= 0:
-            held = welds.other[e] >= 0 or pick(bodies, things, sight, movable, i, e, reach, GRABS) >= 0
-            idle.grab[i] = not held
-        if near:
-            fresh = pick(bodies, things, sight, movable, i, e, reach, NOBODY) >= 0
-            idle.lock[i] = not (fresh or pick(bodies, things, sight, movable, i, e, reach, side.side[e]) >= 0)
+        grabs = welds.other[e] >= 0 or (near and pick(bodies, things, sight, movable, i, e, reach, GRABS) >= 0)
+        locks = near and pick(bodies, things, sight, movable, i, e, reach, NOBODY) >= 0
+        locks = locks or (near and pick(bodies, things, sight, movable, i, e, reach, side.side[e]) >= 0)
+        idle.grab[i], idle.lock[i] = not grabs, not locks
 
 
 @kernel

@@ -150,6 +150,9 @@ def test_hiders_start_and_crates_lie_where_the_quadrant_says():
     assert inside[:, env.worlds.span("crate")].all()
     assert not inside[:, 2:4].any()
     assert 0.1 < inside[:, :2].mean() < 0.4  # a quarter of the floor, less what crates take
+    doors = env.worlds[Doors].x[:, 1][env.worlds[Doors].open[:, 1] == 1]
+    assert len(np.unique(doors)) == len(doors) > 150  # each is drawn
+    assert outlast.check(HIDE_2V2.replace(things_crates=0)) == []
     assert 0.35 < (env.worlds[Doors].open.sum(1) == 1).mean() < 0.65
     env = outlast.make_vec(HIDE_DOOR, 64, seed=1)
     env.reset()

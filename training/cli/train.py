@@ -29,16 +29,8 @@ from ..base.hyperparameters import KINDS, parse_hyperparameters
 from ..runs.child_runs import RESUME, ChildRun, side_by_side
 from ..runs.live_view import LiveView
 
-OWN = (
-    "variant",
-    "seed",
-    "sweep",
-    "out",
-    "resume",
-    "quiet",
-    "jobs",
-    "save_scenario",
-)  # that each of several runs has for itself
+# options that each of several runs has for itself
+OWN = ("variant", "seed", "sweep", "out", "resume", "quiet", "jobs", "save_scenario")
 logger = logging.getLogger("outlast")
 
 

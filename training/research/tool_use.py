@@ -13,7 +13,7 @@ from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.text_table import text_table
 
 from ..arena.evaluation import evaluate
-from ..base.files import check_out, write_files
+from ..base.files import check_results, write_files
 from ..base.tables import csv_text
 from ..plots.plot import DRAWN
 
@@ -45,7 +45,9 @@ def add(commands: Any) -> None:
     text = "episodes of each game (default 1024)"
     command.group(DRAWN).add_argument("--episodes", type=positive, default=1024, metavar="EPISODES", help=text)
     text = "write the table to this file, as CSV"
-    command.group(OUTPUT).add_argument("--out", type=output(check_out), metavar="FILE", help=text)
+    command.group(OUTPUT).add_argument(
+        "--out", type=output(lambda file: check_results([Path(file)])), metavar="FILE", help=text
+    )
     command.set_defaults(run=run)
 
 
@@ -59,16 +61,18 @@ def ablated(scenario: Scenario, changes: dict[str, dict[str, Any]]) -> Scenario:
 
 def measure(scenario: Scenario, path: str, episodes: int) -> list[tuple[Any, ...]]:
     """Play a policy in all forms of the scenario that differ for it. Returns rows of COLUMNS."""
-    rows, usual = list[tuple[Any, ...]](), (math.nan, math.nan)
+    rows = list[tuple[Any, ...]]()
     climbs = scenario.numbers().get("things_ramps")
     for name, changes in ABLATIONS.items():
         if "ramps" in name and not climbs:
             continue
         found = evaluate(ablated(scenario, changes), {"policy": path}, episodes=episodes, worlds=128, quiet=True)
         mean, error = found.estimates("policy", "policy")[FIGURE]
-        usual = usual if changes else (mean, error)
-        apart = math.hypot(error, usual[1])
-        rows.append((path, name, mean, error, mean - usual[0], apart, (mean - usual[0]) / apart if changes else 0.0))
+        differs = (0.0, 0.0, 0.0)  # as trained
+        if rows:
+            difference, both = mean - rows[0][2], math.hypot(error, rows[0][3])
+            differs = difference, both, difference / both if both else math.nan
+        rows.append((path, name, mean, error, *differs))
     return rows
 
 
