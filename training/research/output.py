@@ -24,7 +24,7 @@ from .results import curves_to_keep, group_runs, load_runs
 
 FILM: dict[str, Any] = {"size": 256, "every": 6, "fps": 15, "views": "+vision"}
 CURVES = ("length", "kills", "wins/scripted", "damage_dealt", "strikes_landed", "heals_given")  # of mended games
-POINTS, DIGITS = 200, 3  # what is kept of a curve of a mended game, which is drawn only: points, and their digits
+POINTS, DIGITS = 64, 3  # what is kept of a curve of a mended game, which is drawn only, as an average over 1 / SMOOTH
 FIRST = "original"  # the part that others are compared with
 Progress = Callable[[int], object]
 

@@ -12,13 +12,14 @@ from outlast.envs.rollout.saved import checkpoints
 from outlast.envs.scenarios.variants import base, variant
 
 from ..base import policy_file
-from ..base.curves import FILE, Curves, Quantity, format_curves, is_known, read_curves
+from ..base.curves import FILE, Curves, Quantity, format_curves, is_known, read_curves, rounded
 from ..base.errors import TrainingError
 from ..base.hyperparameters import Hyperparameters
 from ..base.presets import ROLLOUT
 from ..plots.groups import check_seeds
 from ..plots.runs import ABSENT, Run, kept_runs, load, read_kept, usual_numbers
 
+DIGITS = 4  # of what is taken from the log of a run, so that what is kept is small, and shows the same
 PAPER_STEPS = 10_000_000  # agent-steps that the authors trained each variant for, rounded up to a whole rollout
 DEFAULTS = {"worlds": 1, "rollout": ROLLOUT, "dead": "keep", **asdict(Hyperparameters())}  # as in the paper
 
@@ -148,6 +149,8 @@ def _of_the_paper(run: Run) -> PaperRun:
     changed = {key: its for key, (its, other) in pairs.items() if its != other}
     kept = {tag for tag in run.curves.values if is_known(tag) or any(quantity.has(tag) for quantity in SEEN)}
     curves = Curves(run.curves.steps, {tag: values for tag, values in run.curves.values.items() if tag in kept})
+    if run.origin.is_dir():
+        curves = rounded(curves, DIGITS)
     return PaperRun(run.origin, name, own, run.plan, curves, asked=run.asked, changed=changed)
 
 
