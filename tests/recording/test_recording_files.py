@@ -3,16 +3,11 @@
 import json
 import os
 import re
-import signal
-import subprocess
-import sys
-import time
 import zlib
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 import outlast
@@ -20,73 +15,9 @@ from outlast.envs.cli.main import main
 from outlast.envs.errors import RecordingError
 from outlast.envs.recording import Recording, reader, recorder
 from outlast.envs.recording.container import DONE, HEAD, HEADER_SIZE, MAGIC, RECORDS, encode_chunk
-from tests.conftest import COMPILED
-from tests.recording.test_recording import CHILD, make, recorded, replayed_ticks
+from tests.recording.test_recording import make, recorded, replayed_ticks
 
 # ---- kill -9, and a full disk
-
-
-def killed(path: Path, after: float) -> tuple[int, int]:
-    """Kill a process that records, some time after its first step; ticks that are whole, and bytes left over."""
-    child = CHILD.format(tests=str(Path(__file__).parents[2]), path=str(path), steps=10**9)
-    with subprocess.Popen([sys.executable, "-c", child], stdout=subprocess.PIPE) as process:
-        assert process.stdout is not None
-        process.stdout.readline()
-        time.sleep(after)
-        process.send_signal(signal.SIGKILL)
-    found = Recording.open(path)
-    assert found.cut.startswith(f"{path} was cut off: {len(found)} ticks are whole, ")
-    if len(found):
-        assert replayed_ticks(found) == len(found)
-    return len(found), path.stat().st_size
-
-
-@pytest.mark.nightly
-@pytest.mark.skipif(not COMPILED, reason="the same file, written slower")
-def test_a_killed_process_leaves_whole_chunks(tmp_path: Path) -> None:
-    """Of 2000 bytes of tick records here: what is missing is no more than that."""
-    rng = np.random.default_rng(0)
-    ticks = [killed(tmp_path / f"{k}.rec", rng.uniform(0, 0.2))[0] for k in range(3)]
-    assert max(ticks) > 20  # more than a chunk
-
-
-@pytest.mark.nightly
-@pytest.mark.skipif(not COMPILED, reason="the same file, written slower")
-def test_a_killed_process_leaves_whole_chunks_fifty_times(tmp_path: Path) -> None:
-    rng = np.random.default_rng(1)
-    for k in range(50):
-        killed(tmp_path / f"{k}.rec", rng.uniform(0, 0.3))
-
-
-FULL = """
-import resource, sys
-sys.path.insert(0, {tests!r})
-from tests.recording.test_recording import make, play
-import outlast
-from outlast.envs.errors import RecordingError
-from outlast.envs.recording import record, recorder
-recorder.MAX_PENDING_BYTES = 2000
-env = make()
-resource.setrlimit(resource.RLIMIT_FSIZE, (6000, 6000))
-record(env, {path!r})
-env.reset()
-try:
-    play(env, 1000)
-except RecordingError as error:
-    print(error)
-play(env, 3)
-env.close()
-"""
-
-
-def test_a_full_disk_is_reported_and_leaves_whole_chunks(tmp_path: Path) -> None:
-    """And the environment goes on without the recording."""
-    path = tmp_path / "a.rec"
-    child = FULL.format(tests=str(Path(__file__).parents[2]), path=str(path))
-    out = subprocess.check_output([sys.executable, "-c", child], text=True)
-    found = Recording.open(path)
-    assert f"{path}: File too large; the recording ends here, and the {len(found)} ticks that are in the file" in out
-    assert replayed_ticks(found) == len(found) > 10
 
 
 def test_a_disk_that_is_full_from_the_start_leaves_no_file(tmp_path: Path, monkeypatch: Any) -> None:
@@ -259,11 +190,3 @@ def test_a_chunk_that_claims_too_much_is_refused(tmp_path: Path, small: bytes) -
     path.write_bytes(small[: small.index(RECORDS)] + encode_chunk(RECORDS, b"\0" * 10**8, 5, 0))
     with pytest.raises(RecordingError, match="says that it holds 100000000 bytes"):
         list(Recording.open(path).tick_records())
-
-
-def test_scenarios_with_other_numbers_are_refused(tmp_path: Path) -> None:
-    path = recorded(tmp_path / "a.rec", 5)
-    same = make().scenario
-    assert replayed_ticks(Recording.open(path, scenario=same)) == 6
-    with pytest.raises(RecordingError, match=r"another scenario \('ffa_1'\): melee_damage is 5 there and 6 here"):
-        Recording.open(path, scenario=same.replace(melee_damage=6))

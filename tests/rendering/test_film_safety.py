@@ -14,7 +14,6 @@ import pytest
 
 from outlast.envs.errors import FilmError
 from outlast.envs.rendering.video import codecs, write_film, writer
-from tests.conftest import few_by_day
 from tests.rendering.test_film import SUFFIXES, Image, frame, frames, needs
 
 # ---- mistakes
@@ -135,65 +134,6 @@ def test_an_error_while_drawing_is_passed_on_and_leaves_nothing(tmp_path: Path, 
 
 
 # ---- a full disk, Ctrl-C, and worse
-
-SCRIPT = """
-import resource, sys, time
-import numpy as np
-from outlast.envs.errors import FilmError
-from outlast.envs.rendering.video import write_film
-
-def frames(count, pause):
-    generator = np.random.default_rng(0)
-    for k in range(count):
-        print(k, flush=True)
-        time.sleep(pause)
-        yield generator.integers(0, 256, (96, 128, 3), np.uint8)
-
-{action}
-"""
-FULL = """
-resource.setrlimit(resource.RLIMIT_FSIZE, (50_000, 50_000))
-try:
-    write_film(sys.argv[1], frames(60, 0), 30)
-except FilmError as error:
-    print("FilmError", error)
-"""
-
-
-def start(path: Path, action: str) -> "subprocess.Popen[str]":
-    script = textwrap.dedent(SCRIPT.format(action=action))
-    command = [sys.executable, "-c", script, str(path)]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="there are no resource limits")
-@pytest.mark.parametrize("suffix", few_by_day([".mp4", ".webm", ".gif", ".apng"], (".webm",)))
-def test_a_full_disk_is_an_error_and_leaves_nothing(tmp_path: Path, suffix: str) -> None:
-    """No file may grow beyond 50 kB: noise needs far more."""
-    needs(suffix)
-    out, err = start(tmp_path / f"film{suffix}", FULL).communicate(timeout=60)
-    assert "FilmError" in out, err
-    assert os.listdir(tmp_path) == []
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="signals are others there")
-@pytest.mark.parametrize("suffix", few_by_day(SUFFIXES, (".webm",)))
-@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
-def test_a_stopped_command_leaves_no_partial_film(tmp_path: Path, suffix: str, how: signal.Signals) -> None:
-    """After Ctrl-C nothing is left; after kill -9 something may be, but not under the film's name."""
-    needs(suffix)
-    path = tmp_path / f"film{suffix}"
-    process = start(path, "write_film(sys.argv[1], frames(10_000, 0.01), 30)")
-    assert process.stdout is not None
-    for line in process.stdout:
-        if int(line) == 10:
-            break
-    process.send_signal(how)
-    process.communicate(timeout=60)
-    assert process.returncode == -how
-    assert not path.exists()
-    left = os.listdir(tmp_path)
-    assert left == [] if how == signal.SIGINT else all(name.endswith(".tmp") for name in left)
 
 
 def test_a_folder_of_pictures_is_the_old_or_the_new_film(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
