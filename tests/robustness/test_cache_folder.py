@@ -354,6 +354,7 @@ ODD: dict[str, Callable[[Path], Any]] = {
     "deep JSON": lambda path: path.write_text("[" * 200_000),
     "a huge file": huge,
     "not UTF-8": lambda path: path.write_bytes(b"\xff\xfe\x00"),
+    "a link to nothing": lambda path: path.symlink_to(path.with_name("nothing")),
     "a folder": lambda path: path.mkdir(),
 }
 
@@ -374,22 +375,13 @@ def test_odd_entries_count_as_absent(odd: str, tmp_path: Path, monkeypatch: pyte
 @posix_only
 @pytest.mark.parametrize("odd", ODD)
 def test_a_lock_that_is_odd_keeps_nobody(odd: str, place: Path) -> None:
+    """And nothing is written where a link leads."""
     folder = cache_folder()
     assert folder
     ODD[odd](folder / cache_files.LOCK)
     with one_at_a_time():
         pass
     assert {path.name for path in folder.iterdir()} - {"linked"} == {cache_files.LOCK}
-
-
-@posix_only
-def test_a_lock_does_not_follow_a_link(place: Path) -> None:
-    folder = cache_folder()
-    assert folder
-    (folder / cache_files.LOCK).symlink_to(place / "elsewhere")
-    with one_at_a_time():
-        pass
-    assert not (place / "elsewhere").exists()
 
 
 @pytest.mark.parametrize("label", ["x" * 999, "größe.tick", "zero a.B.c after d", "../../a", "con:*?", "a" * 60 + "/b"])
@@ -463,12 +455,6 @@ def test_the_progress_is_logged(place: Path, monkeypatch: pytest.MonkeyPatch, ca
     with caplog.at_level("INFO", "outlast"):
         CompiledUnits((), {"twice": twice, "thrice": thrice}, {}).load()
     assert caplog.messages == ["compiled 1 of 2 systems", "compiled 2 of 2 systems"]
-
-
-def test_an_empty_name_of_the_folder_counts_as_none(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    usual = cache_folder()
-    monkeypatch.setenv("OUTLAST_CACHE_DIR", "")
-    assert cache_folder() == usual
 
 
 @pytest.mark.nightly

@@ -1,10 +1,12 @@
-"""Files from elsewhere that are huge, or never end: each reader stops at its limit, and its error names the file."""
+"""Files from elsewhere that are huge, never end, or nest too deep: each reader stops, and its error names the file."""
 
 import contextlib
+import json
 import lzma
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,11 +15,15 @@ import outlast
 from outlast import levels
 from outlast.ecs import NumberError
 from outlast.envs.cli.main import main
-from outlast.envs.errors import RecordingError, ScenarioError
+from outlast.envs.errors import MessageError, RecordingError, ScenarioError
 from outlast.envs.recording.container import DONE, HEAD, MAGIC, encode_chunk
 from outlast.envs.scenarios.floor_plan import FloorPlan
 from outlast.envs.scenarios.roles_file import with_roles
 from outlast.envs.storage import limited_read
+from outlast.envs.web.play import messages
+from outlast.training.base import curves
+from outlast.training.base.errors import TrainingError
+from outlast.training.base.files import packed
 
 VARIANT = outlast.variant("ffa_2")
 
@@ -82,6 +88,55 @@ def test_a_file_has_a_limit(tmp_path: Path, name: str) -> None:
 def test_a_file_that_never_ends_is_not_read_to_its_end(name: str) -> None:
     with pytest.raises(ValueError, match=r"/dev/zero.* (it has more than|it is empty)"):
         READERS[name][0](Path("/dev/zero"))
+
+
+DEEP = "{" + '"a":[' * 100_000
+
+
+def _recording(path: Path) -> None:
+    path.write_bytes(MAGIC + encode_chunk(HEAD, DEEP.encode(), 0, 0))
+    outlast.Recording.open(path)
+
+
+def _curves(path: Path) -> None:
+    path.write_bytes(packed(f"# {DEEP}"))
+    curves.read_curves(path)
+
+
+MORE: dict[str, Callable[[Path], object]] = {
+    "recording": _recording,
+    "message": lambda path: messages.parse(path.read_text(), {}),
+    "curves": _curves,
+}
+NESTED: dict[str, tuple[type[Exception], str]] = {
+    "levels": (ScenarioError, "is no file of levels"),
+    "scenario": (ScenarioError, "does not hold a scenario"),
+    "roles": (ScenarioError, "does not say roles"),
+    "floor plan": (ScenarioError, "is no floor plan"),
+    "recording": (RecordingError, "is not a recording"),
+    "message": (MessageError, "messages are JSON"),
+    "result.json": (TrainingError, "is no result of the benchmark"),
+    "run.json": (TrainingError, "does not describe a run"),
+    "curves": (TrainingError, "does not hold the curves of runs"),
+}
+
+
+@pytest.mark.parametrize("name", NESTED)
+@pytest.mark.parametrize("error", [RecursionError, MemoryError])
+def test_json_for_which_there_is_no_room_is_an_error_about_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, error: type[Exception]
+) -> None:
+    """RecursionError comes from a real file; memory is not really used up."""
+    (expected, words), path = NESTED[name], tmp_path / "a.json"
+    path.write_text(DEEP)
+
+    def exhausted(*given: Any, **options: Any) -> Any:
+        raise MemoryError
+
+    if error is MemoryError:
+        monkeypatch.setattr(json, "loads", exhausted)
+    with pytest.raises(expected, match=words):
+        (MORE.get(name) or READERS[name][0])(path)
 
 
 def test_the_log_of_a_run_has_a_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

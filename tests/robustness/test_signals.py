@@ -1,5 +1,6 @@
 """Ctrl-C where something has to be done whole; SIGTERM and SIGHUP, which are Ctrl-C to a command; SIGUSR1."""
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -35,12 +36,15 @@ def _handlers() -> Iterator[None]:
     assert now == usual
 
 
-def test_ctrl_c_waits_for_what_has_to_be_whole() -> None:
+@pytest.mark.parametrize(
+    ("number", "held"), [(signal.SIGINT, contextlib.nullcontext)] + [(n, stops_as_ctrl_c) for n in STOPS]
+)
+def test_signals_wait_for_what_has_to_be_whole(number: int, held: Callable[[], Any]) -> None:
     done = []
 
     def work() -> None:
-        with interrupts_held():
-            signal.raise_signal(signal.SIGINT)
+        with held(), interrupts_held():
+            signal.raise_signal(number)
             done.append(1)
 
     with pytest.raises(KeyboardInterrupt):
@@ -48,20 +52,6 @@ def test_ctrl_c_waits_for_what_has_to_be_whole() -> None:
     assert done == [1]
     with pytest.raises(KeyboardInterrupt):
         signal.raise_signal(signal.SIGINT)
-
-
-@pytest.mark.parametrize("number", STOPS)
-def test_they_wait_as_ctrl_c_does(number: int) -> None:
-    done = []
-
-    def work() -> None:
-        with stops_as_ctrl_c(), interrupts_held():
-            signal.raise_signal(number)
-            done.append(1)
-
-    with pytest.raises(KeyboardInterrupt):
-        work()
-    assert done == [1]
 
 
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), *((number, 128 + number) for number in STOPS)])

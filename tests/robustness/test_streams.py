@@ -137,25 +137,6 @@ def test_a_pipe_that_is_closed_breaks_no_command(tmp_path: Path, name: str) -> N
     assert (tmp_path / "a.csv").read_text().startswith("world,")
 
 
-CLOSED = """
-import os, sys
-os.close(2)
-sys.stderr = None
-import outlast
-from outlast.envs.rendering.video.codecs import read_video
-outlast.film("ffa_1", sys.argv[1], steps=2, size=64)
-print(read_video(__import__("pathlib").Path(sys.argv[1]))[0])
-print(os.open(os.devnull, os.O_RDONLY))  # descriptor 2 is still free
-"""
-
-
-def test_a_film_is_whole_if_descriptor_2_is_closed(tmp_path: Path) -> None:
-    """FFmpeg warns on that descriptor, which must not be the film's."""
-    done = subprocess.run([sys.executable, "-c", CLOSED, tmp_path / "a.webm"], capture_output=True, text=True)
-    frames, descriptor = done.stdout.split()
-    assert (int(frames) >= 3, descriptor) == (True, "2")
-
-
 @pytest.mark.parametrize("stream", STREAMS)
 def test_messages_are_written_or_dropped(stream: str) -> None:
     found = Messages(STREAMS[stream]())
