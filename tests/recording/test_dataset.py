@@ -123,22 +123,6 @@ def test_episodes_are_told_apart_whatever_they_are_keyed_by(tmp_path: Path, begi
     assert replay.episodes.tolist() == [3, 3]
 
 
-def test_the_next_observation_is_that_of_the_next_sample(recorded: tuple[Path, list[Step]]) -> None:
-    """Or final: what the documentation says of how to put transitions together."""
-    path, rows = recorded
-    found = concatenate(list(read_samples(*whole(path))))
-    places = {
-        key: k for k, key in enumerate(zip(*(found.columns[c] for c in ("world", "episode", "tick")), strict=True))
-    }
-    finals = iter(range(len(rows)))
-    for k, row in enumerate(rows):
-        if row["last"]:
-            following = found.final["own"][next(finals)]
-        else:
-            following = found.observations["own"][places[row["world"], row["episode"], row["tick"] + 1]]
-        np.testing.assert_array_equal(following, row["after"]["own"], err_msg=str(k))
-
-
 def test_some_worlds_and_some_ticks(recorded: tuple[Path, list[Step]]) -> None:
     """What is last is so within what was asked for."""
     path, rows = recorded
@@ -382,15 +366,6 @@ def test_without_the_library_the_error_names_the_cure(
     monkeypatch.setitem(sys.modules, library, None)
     status, _, err = export(capsys, recorded[0], name)
     assert (status, f"pip install 'outlast[{extra}]'" in err) == (2, True)
-
-
-@pytest.mark.parametrize("name", ["data", "data.parquet"])
-def test_a_place_that_cannot_be_written_is_one_sentence(
-    capsys: Any, recorded: tuple[Path, list[Step]], tmp_path: Path, name: str
-) -> None:
-    status, _, err = export(capsys, recorded[0], tmp_path / "nowhere" / name)
-    assert (status, len(err.strip().splitlines())) == (2, 1)
-    assert "cannot be written: there is no folder" in err
 
 
 def test_the_folder_of_minari_is_named_where_it_cannot_be(

@@ -68,13 +68,6 @@ def test_agents_of_others_are_unknown(tmp_path: Path) -> None:
     assert np.isnan(replay.policy["probabilities"]).all(-1).tolist() == [[False, True]] * 3
 
 
-def test_a_policy_that_says_nothing_is_refused(tmp_path: Path) -> None:
-    env = outlast.make_vec("ffa_2", 3, seed=1)
-    with pytest.raises(RecordingError, match="does not say with what probabilities it chooses"):
-        outlast.record(env, tmp_path / "a.rec", policy=random_policy(env, 0))
-    assert not (tmp_path / "a.rec").exists()
-
-
 @pytest.mark.parametrize(
     ("options", "words"),
     [

@@ -65,17 +65,6 @@ def replayed_ticks(recording: Recording) -> int:
 # ---- what is in it
 
 
-def test_it_says_what_was_recorded(tmp_path: Path) -> None:
-    path = recorded(tmp_path / "a.rec", 5, first_world=7)
-    found = Recording.open(path)
-    assert (found.num_worlds, found.num_agents, found.first_world, found.cut) == (3, 2, 7, "")
-    assert len(found) == 6
-    assert found.scenario.numbers() == make().scenario.numbers()
-    assert found.header["outlast"] == outlast.__version__
-    assert path.read_bytes().startswith(b"outlast recording 1\n")
-    assert outlast.Recording is Recording
-
-
 @pytest.mark.skipif(not COMPILED, reason="a million uncompiled steps take hours")
 def test_a_byte_an_agent_step(tmp_path: Path) -> None:
     """All included, for 64 worlds of four random agents."""

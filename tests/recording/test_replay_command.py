@@ -89,16 +89,6 @@ def test_mistakes_are_one_line(capsys: Any, path: Path, options: tuple[str, ...]
     assert (status, words in err, len(err.strip().splitlines())) == (2, True, 1)
 
 
-def test_nothing_is_replaced_where_something_else_cannot_be_written(capsys: Any, path: Path, tmp_path: Path) -> None:
-    """A film replaces what was there, data and events do not: they are looked at first."""
-    for name in ("old.apng", "data.parquet", "events.csv"):
-        (tmp_path / name).write_text("old")
-    for option, name in (("--data", "data.parquet"), ("--events", "events.csv")):
-        given = ("--out", tmp_path / "old.apng", "--size", "64", option, tmp_path / name)
-        status, _, err = run(capsys, "replay", path, "--quiet", *given)
-        assert (status, "exists" in err, (tmp_path / "old.apng").read_text()) == (2, True, "old")
-
-
 def test_a_world_has_one_number_in_options_tables_and_pages(capsys: Any, tmp_path: Path) -> None:
     """That of the recorded environment, whose worlds may begin at another one than 0."""
     env = outlast.make_vec("ffa_1", 4, seed=0, first_world=10)
@@ -122,19 +112,6 @@ def test_a_world_has_one_number_in_options_tables_and_pages(capsys: Any, tmp_pat
         outlast.replay_page(*pages, beside=tmp_path / "b.rec", worlds=[13], quiet=True)
     with pytest.raises(RecordingError, match="there is no world 3; they are 10 to 13"):
         outlast.film(tmp_path / "a.rec", tmp_path / "a.apng", worlds=[3], size=64)
-
-
-def test_files_that_are_no_recordings_are_one_line(capsys: Any, tmp_path: Path) -> None:
-    assert "No such file" in run(capsys, "replay", tmp_path / "nowhere.rec")[2]
-    (tmp_path / "a.rec").write_text("hello")
-    status, _, err = run(capsys, "replay", tmp_path / "a.rec")
-    assert (status, "is not a recording" in err) == (2, True)
-
-
-def test_ray_does_not_record(capsys: Any, tmp_path: Path) -> None:
-    status, _, err = run(capsys, *ROLLOUT, "--ray", "--record", tmp_path / "a.rec")
-    assert (status, "leave them out with --ray" in err) == (2, True)
-    assert not (tmp_path / "a.rec").exists()
 
 
 def test_frames_and_pages_show_the_chosen_worlds(capsys: Any, path: Path, tmp_path: Path) -> None:

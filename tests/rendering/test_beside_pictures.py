@@ -284,16 +284,6 @@ def test_in_a_mosaic_the_end_stays_for_as_many_ticks_however_few_are_drawn() -> 
     assert np.array_equal(only[1], frames[6])
 
 
-@pytest.mark.parametrize("size", [64, 72, 96, 128])
-def test_the_smallest_films_have_a_scoreboard_of_agents(size: int) -> None:
-    env = make_vec("teams_3", 1, seed=0)
-    env.reset()
-    words = said(env.worlds, ScoresStrip(), size)
-    shown = words.count("100")
-    assert shown > 0
-    assert shown == 4 or words[-1] in (f"and {4 - shown} more", f"+{4 - shown}")
-
-
 @pytest.mark.parametrize("size", range(96, 256, 8))
 def test_the_line_of_teams_stays_as_it_is_when_somebody_kills(size: int) -> None:
     game = ScenarioBuilder("teams_3")

@@ -20,19 +20,13 @@ from outlast.envs.rendering.layers import (
     FILM_LAYERS,
     FILM_LAYERS_BY_NAME,
     LAYERS,
-    LAYERS_BY_NAME,
     CamerasLayer,
-    EndLayer,
-    FeedStrip,
     HitsLayer,
     IdsLayer,
     KillFeedLayer,
     Layer,
-    LidarLayer,
     Scene,
-    ScoresStrip,
     StepCounterLayer,
-    TitleStrip,
     select,
 )
 from outlast.envs.rendering.rgb import draw
@@ -172,21 +166,6 @@ def test_a_star_lies_on_the_edge_of_a_box(angle: float) -> None:
 
 
 # ---- names
-
-
-def test_the_usual_layers_are_all_but_what_cameras_see() -> None:
-    assert set(LAYERS_BY_NAME.values()) - set(LAYERS) == {
-        CamerasLayer(lines=False),
-        CamerasLayer(cones=False),
-        LidarLayer(),
-    }
-    assert len(set(LAYERS_BY_NAME.values())) == len(LAYERS_BY_NAME)
-
-
-def test_films_have_beside_the_picture_what_pictures_have_in_the_margin() -> None:
-    assert select("") == FILM_LAYERS
-    assert set(FILM_LAYERS) - set(LAYERS) == {TitleStrip(), EndLayer(), FeedStrip(), ScoresStrip()}
-    assert set(LAYERS) - set(FILM_LAYERS) == {StepCounterLayer(), KillFeedLayer()}
 
 
 def test_layers_are_added_and_removed_by_name() -> None:

@@ -17,13 +17,6 @@ from outlast.envs.rollout.policies import random_policy, scripted_policy
 from tests.conftest import run
 from tests.helpers.outputs import pictures
 
-GAME = """
-import outlast
-from outlast import systems
-
-arena = outlast.Scenario("arena", (*outlast.variant("ffa_1").modules,))
-"""
-
 
 def test_a_film_shows_what_was_played_with_all_that_films_show(tmp_path: Path) -> None:
     made = outlast.film("ffa_3", tmp_path / "film", steps=4, seed=7, size=128, n_heals=3)
@@ -63,12 +56,6 @@ def test_policies_may_be_functions_and_have_opponents(tmp_path: Path) -> None:
     assert set(asked) == {2}
     assert one.shape == other.shape
     assert not np.array_equal(one, other)
-
-
-def test_a_game_of_ones_own_is_named_by_its_file(tmp_path: Path) -> None:
-    (tmp_path / "mygame.py").write_text(GAME)
-    made = outlast.film(f"{tmp_path}/mygame.py:arena", tmp_path / "film", steps=1, size=64, policy="noop")
-    assert len(pictures(made)) == 2
 
 
 @pytest.fixture
@@ -162,12 +149,6 @@ def test_mistakes_leave_nothing(mistake: str, recorded: Path, monkeypatch) -> No
     with pytest.raises(kind, match=words):
         outlast.film(game, "film.apng", **options)
     assert os.listdir() == ["run.rec"]
-
-
-def test_worlds_for_which_a_mosaic_has_no_room_are_named(caplog, tmp_path: Path) -> None:
-    with caplog.at_level("WARNING", "outlast"):
-        outlast.film("ffa_1", tmp_path / "film", worlds=5, mosaic=(2, 2), steps=0, size=64)
-    assert "a mosaic of 2x2 has room for 4 of the 5 worlds" in caplog.text
 
 
 def test_frames_are_counted(tmp_path: Path) -> None:

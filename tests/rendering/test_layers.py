@@ -158,16 +158,6 @@ def test_carried_items_lie_below_their_carrier() -> None:
     assert np.array_equal(picture(game, InventoryLayer), bare)
 
 
-@pytest.mark.parametrize(("cone", "area"), [("kite", math.sin(0.2 * math.pi)), ("sector", 0.2 * math.pi)])
-def test_vision_cones_cover_what_cameras_cover(cone: str, area: float) -> None:
-    """Area of a kite: depth^2 sin(fov / 2); of a sector: depth^2 fov / 2."""
-    game = ScenarioBuilder(cameras_cone=cone, cameras_depth=9.0)
-    game.put("agent", 0, -5, -4, 0.3)
-    shades = draw(game.env.worlds, 0, SIZE, [CamerasLayer(agents=[0], lines=False)])[..., 2].astype(int)
-    covered = (abs(shades - colors.WALL[2]) > np.ptp(shades) / 2).sum()
-    assert covered * (2 * HALF / SIZE) ** 2 == pytest.approx(81 * area, rel=0.03)
-
-
 def test_the_widest_cone_of_a_role_or_of_a_world_is_drawn() -> None:
     """As float32, pi is more than the most that cameras_fov may be."""
     wide = variant("ffa_2").roles(wide=role(1, cameras_fov=math.pi), other=role())

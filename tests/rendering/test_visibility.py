@@ -71,17 +71,6 @@ def test_what_is_in_the_drawn_cone_is_what_the_simulation_sees(cone: str, occlud
     assert 0.2 < np.mean(compared) < 0.8
 
 
-def test_a_cone_ends_at_the_wall_and_behind_a_box_there_is_shadow() -> None:
-    game = ScenarioBuilder("ffa_4", cameras_depth=30.0)
-    game.put("agent", 0, 0, 0, 0.0)
-    game.put("box", 0, 5, 0, size=(1, 4))
-    rows, columns = np.nonzero(covered(game))
-    x, y = columns / SIZE * 2 * HALF - HALF, HALF - rows / SIZE * 2 * HALF
-    assert x.max() == pytest.approx(12.4, abs=0.05)  # walls overlap the room
-    assert not ((x > 4.6) & (np.abs(y) < 0.4 * x)).any()
-    assert ((x > 5.6) & (np.abs(y) > 0.5 * x)).any()
-
-
 def test_agents_that_observe_everything_have_no_cone() -> None:
     game = ScenarioBuilder("ffa_4", cameras_mode="omniscient")
     assert not covered(game).any()

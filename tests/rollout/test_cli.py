@@ -30,7 +30,7 @@ from outlast.envs.rollout.policies import POLICIES
 from outlast.envs.scenarios.hide_and_seek import SCENARIOS
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.levels import FloorPlan
-from tests.conftest import interrupted_after, run
+from tests.conftest import run
 
 
 def test_variants_lists_all_eight_and_hide_and_seek(capsys) -> None:
@@ -153,22 +153,6 @@ def test_set_changes_any_number(name: str) -> None:
             assert scenario(options) == expected
 
 
-@pytest.mark.parametrize("quiet", [(), ("--quiet",)])
-def test_ctrl_c_prints_what_there_is(capsys, monkeypatch, quiet):
-    monkeypatch.setitem(POLICIES, "random", interrupted_after(110))
-    arguments = ("rollout", "ffa_1", "--worlds", "2", "--steps", "500", "--set", "safe_zone_damage=100", *quiet)
-    status, out, _ = run(capsys, *arguments)
-    assert status == 130
-    assert "220 world-steps" in out
-
-
-def test_deaths_are_logged_on_request(capsys, caplog):
-    with caplog.at_level("INFO", "outlast.deaths"):
-        words = ("--worlds=4", "--steps=103", "--policy=noop", "--set=safe_zone_damage=100")
-        run(capsys, "rollout", "ffa_1", *words)
-    assert "died of zone" in caplog.text
-
-
 def test_a_compilation_is_announced_on_stderr(capsys, monkeypatch):
     monkeypatch.setattr(Worlds, "uncompiled", ["clock"])
     arguments = ("rollout", "ffa_1", "--worlds", "1", "--steps", "3", "--quiet")
@@ -289,9 +273,14 @@ LINES = {
     "replay nowhere.rec": "nowhere.rec: No such file or directory",
     "replay .": "",
     "play ffa_1 --fps 0 --no-browser": "--fps: 0: a number above 0",
+    "play ffa_1 --allow-host localhost": "--allow-host: localhost: NAME:PORT is needed, as in localhost:9000",
+    "play ffa_1 --agent=-1": "--agent: -1: an integer of at least 0",
+    "play ffa_1 --others noop:0.5,scriptd": "--others: scriptd: did you mean scripted",
+    "play ffa_1 --no-browser --host 203.0.113.7": "--host takes an address of this machine",
     "play ffa_1 --port 99999": "--port: 99999: a port is needed",
     "completion tcsh": "shell: tcsh",
     f"{FEW} --others scriptd:0.5": "--others: scriptd: did you mean scripted",
+    f"{FEW} --record a.rec --ray": "leave them out with --ray",
     f"{FEW} --others noop --ray": "outlast: --others plays on one machine: leave it out with --ray",
     "layout nowhere --out x.png": "layout nowhere: No such file or directory; maze, rooms, pillars",
     "layout maze --out x.gif": "x.gif: layouts are written as NAME.png or NAME.html or NAME.json",

@@ -57,19 +57,6 @@ def test_batches_of_worlds_add_up_to_the_whole(policy, variant):
     assert not equal(whole, run_task(work, 1, WORLDS))
 
 
-@pytest.mark.parametrize("policy", sorted(POLICIES))
-def test_a_world_is_played_the_same_in_every_batch(policy):
-    scenario = outlast.variant("teams_3")
-    whole = outlast.make_vec(scenario, 9, seed=5)
-    parts = [outlast.make_vec(scenario, count, seed=5, first_world=first) for first, count in ((0, 4), (4, 1), (5, 4))]
-    policies = [POLICIES[policy](env, 5) for env in (whole, *parts)]
-    seen = [env.reset()[0] for env in (whole, *parts)]
-    for _ in range(scaled(200, least=10)):
-        actions = [act(observations) for act, observations in zip(policies, seen, strict=True)]
-        np.testing.assert_array_equal(actions[0], np.concatenate(actions[1:]))
-        seen = [env.step(chosen)[0] for env, chosen in zip((whole, *parts), actions, strict=True)]
-
-
 @pytest.mark.parametrize(("worlds", "workers"), [(1, 1), (1, 8), (5, 2), (256, 1), (257, 1), (1000, 3), (1024, 64)])
 def test_batches_have_every_world_once_and_work_for_all(worlds, workers):
     parts = split_worlds(worlds, workers)
@@ -327,17 +314,6 @@ def test_a_row_of_the_file_is_an_episode(capsys, tmp_path: Path) -> None:
         name, mean, _ = line.rsplit(maxsplit=2)
         values = [float(row[name.replace(" ", "_")]) for row in rows]
         assert float(mean) == pytest.approx(np.mean(values), abs=1e-4), name
-
-
-@pytest.mark.parametrize("mode", ["next_step", "same_step"])
-def test_episodes_have_their_own_numbers_however_worlds_restart(mode: str, tmp_path: Path) -> None:
-    reset = "NextStep" if mode == "next_step" else "SameStep"
-    env = outlast.make_vec("ffa_2", 3, seed=0, autoreset_mode=reset, **QUICK)
-    outlast.rollout(env, "random", episodes=2, csv=tmp_path / "a.csv")
-    env.close()
-    rows = rows_of(tmp_path / "a.csv")
-    played = [(w, k) for w in range(3) for k in (1, 2)]
-    assert sorted((int(row["world"]), int(row["episode"])) for row in rows) == played
 
 
 def test_the_summary_as_json(capsys, tmp_path: Path) -> None:

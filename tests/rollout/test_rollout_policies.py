@@ -17,7 +17,7 @@ from outlast.ecs import Clock, columns_of
 from outlast.envs.cli import main as cli
 from outlast.envs.errors import ActionError, ScenarioError, UsageError
 from outlast.envs.rollout.lineup import checked_entries, own_policy, parse_lineup
-from outlast.envs.rollout.local import rollout, ticks
+from outlast.envs.rollout.local import ticks
 from outlast.envs.rollout.memory import told
 from outlast.envs.rollout.policies import POLICIES
 from outlast.systems import Behaviour, Boxes, Cameras, Heals, Lidar, Maze, SafeZone, Teams
@@ -457,6 +457,9 @@ def test_a_policy_with_a_memory_is_told_where_episodes_begin(mode: AutoresetMode
             some |= terminated | truncated
         if some.any():
             observations, _ = env.reset(options={"reset_mask": some})
+    for _ in ticks(env, other := Remembering(), 3):
+        pass
+    assert other.told[0].all()
     assert clock.episode.min() >= 1
     assert [where.all() for where in policy.told[:2]] == [True, False]
 
@@ -488,23 +491,6 @@ def test_the_name_of_a_policy_is_no_policy() -> None:
     env = outlast.make_vec("ffa_1", 2, seed=0)
     policy = POLICIES["noop"](env, 0)
     assert told(policy, env) is policy
-
-
-def test_rollouts_tell_a_policy_where_episodes_begin() -> None:
-    env, policy = outlast.make_vec(short("ffa_3"), BATCH, seed=3), Remembering()
-    seen = []
-
-    def check(where: Any) -> None:
-        if policy.calls is not None:  # the step of a world that restarts is at tick 0
-            seen.append(np.where(env.worlds[Clock].tick[:, 0], policy.calls + 1, 0) == env.worlds[Clock].tick[:, 0])
-
-    rollout(env, policy, STEPS, watch=check)
-    assert np.all(seen)
-    assert len(policy.told) > 1
-    other = Remembering()
-    for _ in ticks(env, other, 30):
-        pass
-    assert other.told[0].all()
 
 
 class Keeps:
