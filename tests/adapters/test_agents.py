@@ -242,19 +242,6 @@ def test_calls_that_are_refused_change_nothing(name: str) -> None:
     assert all(same(*pair) for pair in zip(env.step(drawn(env, 0)), reference.step(drawn(env, 0)), strict=True))
 
 
-def test_nothing_goes_before_reset() -> None:
-    env = make(worlds=2, seed=SEED, render_mode="ansi", action_masks=True)
-    for call in (lambda: env.step(drawn(env, 0)), env.render, env.state, env.action_masks):
-        with pytest.raises(NotResetError, match="reset them"):
-            call()
-    env.reset(options={"reset_mask": np.arange(8) < 4})
-    for call in (lambda: env.step(drawn(env, 0)), env.render, env.state, env.action_masks):
-        with pytest.raises(NotResetError, match="1 worlds"):
-            call()
-    env.reset()
-    env.step(drawn(env, 0))
-
-
 def test_without_the_range_check_nothing_breaks() -> None:
     env = make(worlds=2, seed=SEED, check_actions=False)
     env.reset()

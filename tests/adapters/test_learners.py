@@ -140,26 +140,6 @@ def test_a_state_of_an_end_begins_the_next_episode(mode: str) -> None:
     assert all(np.array_equal(seen[key][done], start[key][done]) for key in seen)
 
 
-def test_both_modes_of_make_vec() -> None:
-    """The entry point is what gymnasium.make_vec takes by itself; both pass max_episode_steps on."""
-    for options in ({}, {"max_episode_steps": 3}, {"scenario": "ffa_1", "others": "noop"}):
-        fast, slow = (
-            gymnasium.make_vec("outlast/FreeForAll-v1", num_envs=2, vectorization_mode=mode, **options)
-            for mode in (None, "sync")
-        )
-        assert isinstance(fast, SurvivalLearnerVectorEnv)
-        assert isinstance(slow, SyncVectorEnv)
-        assert fast.spec is not None
-        assert fast.spec.id == "outlast/FreeForAll-v1"
-        assert fast.base_env.scenario.name == options.get("scenario", "ffa_3")
-        assert equal(fast.reset(seed=SEED)[0], slow.reset(seed=SEED)[0])
-        for tick in range(4):
-            results = [each.step(drawn(fast, tick)) for each in (fast, slow)]
-            assert all(alike(*pair) for pair in zip(*results, strict=True))
-        fast.close()
-        slow.close()
-
-
 def test_views_and_copies_show_the_same() -> None:
     kept, fast = (SurvivalLearnerVectorEnv(WORLDS, short("teams_3"), learner=1, copy=copy) for copy in (True, False))
     before = kept.reset(seed=SEED)[0], fast.reset(seed=SEED)[0]
@@ -210,26 +190,6 @@ def test_others_of_the_names_are_the_policies() -> None:
         for learner in range(4):
             expected = np.delete(policy(observations), learner, axis=1)
             assert np.array_equal(Lineup([(name, 1)], batch, learner).actions(), expected)
-
-
-def test_one_policy_of_a_mixture_plays_all_others_of_a_world() -> None:
-    """Each about as often as its weight says; it changes with the episode, and comes back with a state."""
-    env = SurvivalLearnerVectorEnv(64, short("teams_3"), learner=1, others={"noop": 3, "scripted": 1})
-    env.reset(seed=SEED)
-    mixture: list[Any] = []
-    for _ in range(2):
-        given = env._others.actions()
-        idle = (given == env.base_env.noop[None, None]).all((1, 2))
-        expected = np.delete(scripted_policy(env.base_env)(env.base_env.observe()), 1, axis=1)
-        assert np.array_equal(given[~idle], expected[~idle])
-        mixture.append(idle)
-        state = env.get_state()
-        env.reset()
-    assert 32 < mixture[0].sum() < 62
-    assert (mixture[0] != mixture[1]).any()
-    env.set_state(state)
-    env._others.actions()
-    assert np.array_equal((env._others.actions() == env.base_env.noop).all((1, 2)), mixture[1])
 
 
 def test_a_learner_alone() -> None:

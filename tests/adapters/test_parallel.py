@@ -219,26 +219,6 @@ def test_every_count_of_agents_is_played() -> None:
 IDLE = [1, 1, 1, 0, 0, 0]
 
 
-def test_the_dead_are_reported_once_and_leave() -> None:
-    """With terminated True, their last reward, and masks of 0."""
-    env = short("ffa_3", seed=2)
-    env.reset()
-    ends: dict[str, int] = {}
-    for tick, (before, (observations, rewards, terminated, truncated, infos)) in enumerate(play(env)):
-        for part in (observations, rewards, terminated, truncated, infos):
-            assert list(part) == before
-        for agent in before:
-            if terminated[agent]:
-                assert agent not in ends
-                ends[agent] = tick
-                assert agent not in env.agents
-            if not infos[agent]["alive"]:
-                assert terminated[agent]
-                assert observations[agent]["heals_mask"].sum() == 0
-    assert ends.keys() == set(env.possible_agents)
-    assert len(set(ends.values())) > 1
-
-
 def test_nobody_comes_back() -> None:
     """Whatever a mechanic does: an agent of PettingZoo has no second life within an episode."""
     env = short("ffa_3", seed=2)
@@ -254,19 +234,6 @@ def test_nobody_comes_back() -> None:
     assert worlds[Entity].alive[0, worlds.span("agent")].all()
     assert env.agents == left
     assert env.reset()[0].keys() == set(env.possible_agents)
-
-
-def test_kept_agents_stay_until_the_world_ends() -> None:
-    """And are paid what the dead are paid: -1 a tick in this variant, or their team's reward."""
-    env = short("ffa_3", dead="keep", seed=2)
-    env.reset()
-    paid = []
-    for before, (_, rewards, terminated, _, infos) in play(env):
-        assert before == env.possible_agents
-        assert set(terminated.values()) == {not env.agents}
-        paid += [rewards[agent] for agent in before if not infos[agent]["alive"]]
-    assert len(paid) > 4
-    assert set(paid) == {-1.0}
 
 
 def limited(dead: str, seed: int) -> Any:

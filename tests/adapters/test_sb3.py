@@ -235,27 +235,6 @@ def test_a_monitor_keeps_statistics_also_of_agents_that_an_episode_does_not_have
     assert absent
 
 
-def test_normalized_observations_are_the_normalized_ones() -> None:
-    """The last ones of an episode, too; those handed in stay as they are."""
-    plain, inner = pair()
-    env, ends = vec.VecNormalize(inner, clip_obs=3.0, clip_reward=2.0), 0
-    for expected, mine in zip(walk(plain), walk(env), strict=True):
-        observations, rewards, dones, infos = mine
-        assert equal(env.get_original_obs(), expected[0])
-        assert np.array_equal(env.get_original_reward(), expected[1])
-        assert (rewards.dtype, dones.tolist()) == (np.float32, expected[2].tolist())
-        for key, values in observations.items():
-            rms = env.obs_rms[key]
-            normal = np.clip((expected[0][key] - rms.mean) / np.sqrt(rms.var + env.epsilon), -3, 3)
-            assert np.allclose(values, normal, atol=1e-6)
-            for i in np.flatnonzero(dones):
-                last = expected[3][i]["terminal_observation"][key]
-                normal = np.clip((last - rms.mean) / np.sqrt(rms.var + env.epsilon), -3, 3)
-                assert np.allclose(infos[i]["terminal_observation"][key], normal, atol=1e-6)
-        ends += dones.sum()
-    assert ends > 0
-
-
 def test_attributes_are_shared_by_all() -> None:
     env = make_sb3("ffa_1", 3, seed=0, render_mode="rgb_array")
     assert env.get_attr("render_mode") == ["rgb_array"] * 6

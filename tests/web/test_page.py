@@ -234,21 +234,6 @@ def test_worlds_and_folders_that_are_not_there_are_refused(tmp_path: Path) -> No
     assert not list(tmp_path.iterdir())
 
 
-def test_a_page_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
-    env = outlast.make_vec("ffa_3", 1, seed=0)
-    target = tmp_path / "page.html"
-    target.write_text("the one before")
-
-    def broken() -> Iterator[int]:
-        yield from ticks(env, 3)
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        write_page(target, env.worlds, broken(), [0], title="")
-    assert target.read_text() == "the one before"
-    assert [path.name for path in tmp_path.iterdir()] == ["page.html"]
-
-
 def test_a_page_is_nothing_but_itself(tmp_path: Path) -> None:
     env = outlast.make_vec("ffa_3", 1, seed=0)
     title = "</title></script><script>alert(1)</script> $data & more"

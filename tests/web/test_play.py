@@ -9,7 +9,7 @@ import outlast
 from outlast.components import Health, Side
 from outlast.ecs import Clock, MemoryLayout
 from outlast.envs.adapters.gymnasium_single import SurvivalEnv
-from outlast.envs.errors import MessageError, PlayError
+from outlast.envs.errors import MessageError
 from outlast.envs.inspect.observation_text import observation_text
 from outlast.envs.rollout.policies import POLICIES
 from outlast.envs.web.play.game import Game, GamePhase
@@ -169,12 +169,6 @@ def test_kills_are_counted_and_named():
     assert (state["result"]["verdict"], state["result"]["kills"], state["death"]) == ("won", 1, None)
     assert {"kind": "kill", "agent": 1, "by": 0, "cause": "melee"}.items() <= state["events"][-2].items()
     game.close()
-
-
-@pytest.mark.parametrize(("agent", "words"), [(2, "the agents 0 to 1"), (-1, "the agents 0 to 1")])
-def test_an_agent_that_is_not_there_is_refused(agent, words):
-    with pytest.raises(PlayError, match=words):
-        Game(outlast.variant("ffa_3"), agent=agent)
 
 
 def test_the_text_is_the_observation():

@@ -87,18 +87,24 @@ def test_websockets_are_for_the_own_page_only(address, host, origin, status):
     assert answer(address, f"{parts.path}live", **headers)[0] == status
 
 
+both = pytest.mark.parametrize("kind", ["play", "watch"])
+
+
+@both
 @pytest.mark.parametrize(
     ("headers", "status"),
     [
         ({}, 200),
         ({"Host": "example.com"}, 403),
+        ({"Host": "127.0.0.1"}, 403),
         ({"Origin": "http://example.com"}, 403),
         ({"Origin": "null"}, 403),
         ({"Host": ()}, 403),
     ],
 )
-def test_pages_are_for_this_host_only(address, headers, status):
-    assert answer(address, **headers)[0] == status
+def test_pages_are_for_this_host_only(game, kind, headers, status):
+    with server(kind, game) as address:
+        assert answer(address, **headers)[0] == status
 
 
 @pytest.mark.parametrize(
@@ -115,13 +121,16 @@ def test_other_methods_are_refused(address, method):
     assert answer(address)[0] == 200
 
 
+@both
 @pytest.mark.parametrize("noise", [b"\x16\x03\x01\x02", b"GET\r\n\r\n", b"GET / HTTP/9\r\n\r\n", b"A" * 100_000, b""])
-def test_noise_on_the_line_ends_nothing(address, noise):
-    with socket.create_connection(("127.0.0.1", urlsplit(address).port)) as line, contextlib.suppress(OSError):
-        line.sendall(noise)
-        line.shutdown(socket.SHUT_WR)
-        line.recv(100)
-    assert answer(address)[0] == 200
+def test_noise_on_the_line_ends_nothing(game, kind, noise, capfd):
+    with server(kind, game) as address:
+        with socket.create_connection(("127.0.0.1", urlsplit(address).port)) as line, contextlib.suppress(OSError):
+            line.sendall(noise)
+            line.shutdown(socket.SHUT_WR)
+            line.recv(100)
+        assert answer(address)[0] == 200
+    assert capfd.readouterr().err == ""
 
 
 def asked(made, host, origin):
@@ -180,7 +189,7 @@ def test_a_host_that_is_not_of_this_machine_is_refused_with_the_cure(host):
         pass
 
 
-@pytest.mark.parametrize("kind", ["play", "watch"])
+@both
 def test_a_page_is_served_at_another_name_and_interface(game, kind, monkeypatch):
     site, ports = Site(host="0.0.0.0", allowed=("box:9000",)), []
     monkeypatch.setattr(gate, "Gate", lambda port, site: ports.append(port) or Gate(port, site))
@@ -217,7 +226,7 @@ def complaints(caplog, capfd):
     return [record.getMessage() for record in caplog.records], capfd.readouterr().err
 
 
-@pytest.mark.parametrize("kind", ["play", "watch"])
+@both
 def test_connections_beyond_a_limit_are_closed_and_reported_once(game, kind, caplog, capfd):
     with server(kind, game) as address, contextlib.ExitStack() as crowd:
         port = urlsplit(address).port
@@ -232,7 +241,7 @@ def test_connections_beyond_a_limit_are_closed_and_reported_once(game, kind, cap
     assert complaints(caplog, capfd) == ([text], "")
 
 
-@pytest.mark.parametrize("kind", ["play", "watch"])
+@both
 def test_a_missing_descriptor_is_waited_for_and_reported_once(game, kind, caplog, capfd):
     resource = pytest.importorskip("resource", reason="Windows has no limit of open files")
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
