@@ -23,7 +23,7 @@ from outlast.envs.core.agents import alive
 from outlast.envs.errors import ActionError, ClosedError, NotResetError
 from outlast.envs.rendering.rgb import draw, text
 from outlast.errors import ScenarioError
-from tests.conftest import COMPILED, digest, scaled
+from tests.conftest import digest
 from tests.helpers.covering import covering
 from tests.helpers.execution_modes import EACH_LEVEL, LEVELS, short
 
@@ -307,7 +307,7 @@ def test_info_has_the_living_after_every_call(name: str, game: str) -> None:
         info = env.reset_infos
     else:
         info = env.reset(seed=5)[-1]
-    for _ in range(scaled(40, least=20)):
+    for _ in range(40):
         expected = alive(base(env).worlds)
         expected = expected[:, 0] if name.startswith("gymnasium.") else expected
         ended = np.zeros(expected.size, bool)
@@ -320,7 +320,7 @@ def test_info_has_the_living_after_every_call(name: str, game: str) -> None:
         info = result[-1]
         if name in LONE and (not getattr(env, "agents", True) or (name == "gymnasium.make" and any(result[2:4]))):
             info = env.reset()[-1]
-    assert dead > 0 or not COMPILED
+    assert dead > 0
 
 
 def sample(space: Any) -> bytes:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import outlast
-from tests.conftest import few_by_day, scaled
+from tests.conftest import few_by_day
 from tests.helpers.execution_modes import ALL, COUNTS, LEVELS, short
 
 pytest.importorskip("benchmarl", reason="BenchMARL is not installed: pip install 'outlast[benchmarl]'")
@@ -21,7 +21,7 @@ from outlast.envs.adapters.benchmarl import OutlastTask, task
 
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "benchmarl_mappo.py"
 pytestmark = [pytest.mark.filterwarnings("ignore"), pytest.mark.usefixtures("one_torch_thread")]
-BATCH = scaled(512, least=128)
+BATCH = 512
 SMALL: dict[str, Any] = {
     **dict.fromkeys(("on_policy_n_envs_per_worker", "off_policy_n_envs_per_worker"), 4),
     **dict.fromkeys(("on_policy_collected_frames_per_batch", "off_policy_collected_frames_per_batch"), BATCH),

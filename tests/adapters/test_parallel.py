@@ -20,7 +20,7 @@ from outlast.envs.core.global_state import GlobalState
 from outlast.envs.errors import ActionError, NotResetError, StateError
 from outlast.errors import ScenarioError
 from outlast.systems import GiveLast, Heals, Inventory, Pickup, Respawn, SafeZone
-from tests.conftest import digest, few_by_day, scaled
+from tests.conftest import digest, few_by_day
 from tests.helpers.execution_modes import ALL, COUNTS, EACH_LEVEL, HUNT, LEVELS, MAZE, ROLES, SHORT
 from tests.helpers.execution_modes import short as scenario
 
@@ -37,7 +37,7 @@ with warnings.catch_warnings():  # of PettingZoo, about its own examples
         state_test,
     )
 
-CYCLES = scaled(1000, least=20)
+CYCLES = 1000
 NAMES = few_by_day(VARIANTS, ("ffa_1", "teams_3"))
 both = pytest.mark.parametrize("dead", ["end", "keep"])
 everywhere = pytest.mark.parametrize("name", [*NAMES, *(pytest.param(scenario(name), id=name) for name in (HUNT, ALL))])
@@ -284,7 +284,7 @@ def test_the_dead_and_the_missing_idle(dead: str) -> None:
 
 def test_an_agent_acts_in_the_step_in_which_it_comes_back() -> None:
     game = outlast.variant("ffa_1").with_(Respawn(ticks=5)).replace(ending_rule="never", safe_zone_radii=(0.5,))
-    game, seen = game.replace(ending_limit=scaled(200, least=60), agents_health=3), 0
+    game, seen = game.replace(ending_limit=200, agents_health=3), 0
     env, batch = outlast.adapters.parallel_env(game, dead="keep"), outlast.make_vec(game, 1)
     env.reset(seed=0)
     batch.reset(seed=0)
@@ -354,7 +354,7 @@ def test_masks_are_where_classic_games_have_them(dead: str, form: dict[str, Any]
     found, more = env.reset(seed=3)
     for i, agent in enumerate(plain.possible_agents):
         plain.action_space(agent).seed(i)
-    for tick in range(scaled(60, least=10)):
+    for tick in range(60):
         assert list(found) == list(expected)
         for agent, seen in found.items():
             assert env.observation_space(agent).contains(seen)
@@ -438,7 +438,7 @@ def test_the_state_is_what_an_omniscient_observer_sees(name: str, features: int)
     seen = env.reset(seed=1)[0]["agent_0"]
     carried = broken = 0
     worlds = env.base_env.worlds
-    for tick in range(scaled(100, least=20)):
+    for tick in range(100):
         state = env.state()
         assert state.dtype == np.float32
         agents, zone, objects, items = blocks(state, features, 15, 8)

@@ -15,7 +15,7 @@ from gymnasium.spaces import unflatten
 import outlast
 from outlast.ecs import Entity
 from outlast.envs.errors import ActionError
-from tests.conftest import COMPILED, few_by_day, scaled
+from tests.conftest import few_by_day
 from tests.helpers.execution_modes import EACH_LEVEL, HUNT, equal, short
 
 with warnings.catch_warnings():
@@ -28,7 +28,7 @@ with warnings.catch_warnings():
 
 needs_puffer = pytest.mark.skipif(pufferlib is None, reason="needs PufferLib: outlast[puffer]")
 SIZES, SEED = (3, 3, 3, 2, 2, 2), 5
-WORLDS, STEPS = scaled(20, least=2), scaled(150, least=65)  # enough for every world of short() to end
+WORLDS, STEPS = 20, 150  # enough for every world of short() to end
 LIMIT = 20  # ticks after which some worlds are truncated, and others have ended by their rule
 ARRAYS = ("observations", "rewards", "terminals", "truncations", "masks")
 
@@ -140,7 +140,7 @@ def flat(batch: Any) -> np.ndarray[Any, Any]:
 @pytest.mark.parametrize("backend", few_by_day(["Serial", "Multiprocessing"], ("Serial",)))
 def test_puffers_backends(backend: str) -> None:
     """Environments write into their parts of PufferLib's arrays: those of two environments with seeds one apart."""
-    worlds = scaled(3)
+    worlds = 3
     options = {"num_workers": 2, "overwork": True} if backend == "Multiprocessing" else {}
     game = short("ffa_3").replace(ending_limit=LIMIT)
     vector = pufferlib.vector.make(outlast.adapters.make_puffer, [game, worlds], num_envs=2, backend=backend, **options)
@@ -245,7 +245,6 @@ def test_the_example_updates() -> None:
 
 @needs_puffer
 @pytest.mark.nightly
-@pytest.mark.skipif(not COMPILED, reason="kernels as plain Python are too slow to learn with")
 def test_the_example_learns() -> None:
     """Ticks that agents live, 200 at most, without masks."""
     returns = example()

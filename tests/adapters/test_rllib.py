@@ -10,7 +10,6 @@ import pytest
 import outlast
 from outlast.envs.adapters.gymnasium_learners import SurvivalLearnerVectorEnv
 from outlast.envs.core.agents import present
-from tests.conftest import scaled
 from tests.helpers import execution_modes
 
 ray = pytest.importorskip("ray", reason="Ray is not installed: pip install 'outlast[ray]'")
@@ -300,7 +299,7 @@ def test_ppo_trains(workers, name):
             env_to_module_connector=lambda env, spaces, device: FlattenObservations(multi_agent=True),
         )
         .multi_agent(policies={"all"}, policy_mapping_fn=lambda agent, episode, **more: "all")
-        .training(train_batch_size_per_learner=scaled(400, least=60), minibatch_size=50, num_epochs=1)
+        .training(train_batch_size_per_learner=400, minibatch_size=50, num_epochs=1)
         .debugging(seed=0)
     )  # fmt: skip
     algorithm = config.build_algo()

@@ -17,7 +17,6 @@ from outlast import make_vec, variant
 from outlast.envs.core.agents import alive, counts_vary, present, side
 from outlast.envs.errors import NotResetError, PendingError
 from outlast.systems import FineMotors
-from tests.conftest import COMPILED, scaled
 from tests.helpers.execution_modes import COUNTS, EACH_LEVEL, HUNT, equal, short
 from tests.helpers.goal import TICK, won_at_the_limit
 
@@ -30,7 +29,7 @@ WORLDS, AGENTS = 5, 4  # of SHORT
 SHORT = short("teams_3").replace(ending_limit=22)  # ends both ways, early
 LONE = variant("ffa_1").replace(n_agents=1, agents_health=10, safe_zone_radii=(8.0,), safe_zone_stand=1000)
 LONE = LONE.replace(ending_limit=25)
-STEPS = scaled(150, least=60)
+STEPS = 150
 
 
 def draw(env: Any, rng: np.random.Generator) -> np.ndarray[Any, Any]:
@@ -350,7 +349,7 @@ def test_ppo_keeps_what_its_agents_saw() -> None:
     from stable_baselines3 import PPO
 
     env, reference = pair()
-    steps, agents = scaled(40, least=24), env.num_envs
+    steps, agents = 40, env.num_envs
     model = PPO("MultiInputPolicy", env, n_steps=steps, batch_size=steps * agents, n_epochs=1, gamma=0, seed=4)
     model.learn(1)  # one rollout
     kept = model.rollout_buffer
@@ -369,7 +368,7 @@ def test_ppo_keeps_what_its_agents_saw() -> None:
 def test_maskable_ppo_draws_what_the_masks_leave() -> None:
     """The masks of its rollout are those of the worlds in which it acted."""
     contrib = pytest.importorskip("sb3_contrib", reason="sb3-contrib is not installed: pip install 'outlast[sb3]'")
-    scenario, steps = SHORT.replace(melee_cooldown=5), scaled(40, least=24)
+    scenario, steps = SHORT.replace(melee_cooldown=5), 40
     env, reference = (make_sb3(scenario, WORLDS, seed=0, observations="flat") for _ in range(2))
     agents, form = env.num_envs, {"n_steps": steps, "batch_size": steps * env.num_envs, "n_epochs": 1, "seed": 4}
     model = contrib.MaskablePPO("MlpPolicy", env, **form)
@@ -391,7 +390,7 @@ def test_continuous_actions_are_those_of_the_worlds(algorithm: str) -> None:
     """What it kept, played again, pays the same; SAC has continuous actions only."""
     import stable_baselines3
 
-    scenario, steps = SHORT.with_(FineMotors()), scaled(40, least=24)
+    scenario, steps = SHORT.with_(FineMotors()), 40
     env, reference = (
         make_sb3(scenario, WORLDS, seed=0, observations="flat", scaled=True, actions="continuous") for _ in range(2)
     )
@@ -415,7 +414,6 @@ def test_continuous_actions_are_those_of_the_worlds(algorithm: str) -> None:
 
 @pytest.mark.nightly
 @pytest.mark.timeout(1800)
-@pytest.mark.skipif(not COMPILED, reason="kernels as plain Python are too slow to learn with")
 @pytest.mark.parametrize(("algorithm", "steps"), [("ppo", 400_000), ("maskable", 400_000), ("recurrent", 800_000)])
 def test_ppo_learns(algorithm: str, steps: int) -> None:
     """The example of the documents: a trained agent lives far longer, and by many standard errors."""

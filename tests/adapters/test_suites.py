@@ -14,7 +14,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import outlast
-from tests.conftest import few_by_day, scaled
+from tests.conftest import few_by_day
 from tests.helpers.covering import covering
 from tests.helpers.execution_modes import ALL, HUNT, short
 
@@ -32,7 +32,7 @@ def forms(*more: list[str]) -> list[Any]:
 forms_of_games = pytest.mark.parametrize(("form", "name"), forms(GAMES))
 dead_too = pytest.mark.parametrize(("form", "dead", "name"), forms(DEAD, GAMES))
 games = pytest.mark.parametrize("name", few_by_day(["teams_3", ALL], ["teams_3"]))
-CYCLES, SEED = scaled(100, least=10), 4
+CYCLES, SEED = 100, 4
 
 
 def one(name: str, **options: Any) -> gymnasium.Env[Any, Any]:

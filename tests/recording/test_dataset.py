@@ -22,10 +22,10 @@ from outlast.envs.datasets.samples import DatasetSamples, Selection, concatenate
 from outlast.envs.errors import RecordingError
 from outlast.envs.recording import Recording, Replay
 from outlast.systems import Respawn
-from tests.conftest import COMPILED, draw_actions, scaled
+from tests.conftest import draw_actions
 
-WORLDS, STEPS = 4, scaled(70, least=8)
-SHORT = {"ending_limit": 20, "agents_health": 30} if COMPILED else {"ending_limit": 3}
+WORLDS, STEPS = 4, 70
+SHORT = {"ending_limit": 20, "agents_health": 30}
 Step = dict[str, Any]
 
 
@@ -147,7 +147,7 @@ def export(capsys: Any, path: Path, out: object, *options: str) -> tuple[int, st
 
 def test_shards(capsys: Any, recorded: tuple[Path, list[Step]], tmp_path: Path, monkeypatch: Any) -> None:
     path, rows = recorded
-    monkeypatch.setattr(dataset, "SHARD_BYTES", 200_000 if COMPILED else 20_000)
+    monkeypatch.setattr(dataset, "SHARD_BYTES", 200_000)
     status, out, _ = export(capsys, path, tmp_path / "data")
     assert (status, out) == (0, f"{tmp_path / 'data'}: {len(rows) * 4:,} agent-steps\n")
     about = json.loads((tmp_path / "data" / "manifest.json").read_text())
@@ -174,7 +174,7 @@ def test_shards(capsys: Any, recorded: tuple[Path, list[Step]], tmp_path: Path, 
 def test_parquet(capsys: Any, recorded: tuple[Path, list[Step]], tmp_path: Path, monkeypatch: Any) -> None:
     pq = pytest.importorskip("pyarrow.parquet")
     path, rows = recorded
-    monkeypatch.setattr(dataset, "SHARD_BYTES", 200_000 if COMPILED else 20_000)  # row groups
+    monkeypatch.setattr(dataset, "SHARD_BYTES", 200_000)  # row groups
     status, out, _ = export(capsys, path, tmp_path / "data.parquet")
     assert (status, f"{len(rows) * 4:,} agent-steps" in out) == (0, True)
     file = pq.ParquetFile(tmp_path / "data.parquet")

@@ -16,10 +16,10 @@ from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import ActionError, NotResetError, RecordingError
 from outlast.envs.recording import Recording, Replay
 from outlast.envs.recording.container import RECORDS
-from tests.conftest import COMPILED, draw_actions
+from tests.conftest import draw_actions
 from tests.helpers.model import digest_of_episode
 
-SHORT = {"ending_limit": 25, "agents_health": 40} if COMPILED else {"ending_limit": 3}
+SHORT = {"ending_limit": 25, "agents_health": 40}
 
 
 def make(worlds: int = 3, variant: str = "ffa_1", **options: Any) -> SurvivalVectorEnv:
@@ -65,7 +65,6 @@ def replayed_ticks(recording: Recording) -> int:
 # ---- what is in it
 
 
-@pytest.mark.skipif(not COMPILED, reason="a million uncompiled steps take hours")
 def test_a_byte_an_agent_step(tmp_path: Path) -> None:
     """All included, for 64 worlds of four random agents."""
     env = make(64, "teams_3")
@@ -76,7 +75,6 @@ def test_a_byte_an_agent_step(tmp_path: Path) -> None:
 
 
 @pytest.mark.nightly
-@pytest.mark.skipif(not COMPILED, reason="takes minutes")
 def test_long_recordings_have_many_chunks(tmp_path: Path) -> None:
     """With the smallest tick records there are: each chunk is as large as a reader takes."""
     path = recorded(tmp_path / "a.rec", 12_000, worlds=1)

@@ -20,12 +20,12 @@ from outlast.envs.recording import Recording, Replay
 from outlast.envs.recording.digests import Digests
 from outlast.envs.rollout.local import rollout
 from outlast.envs.rollout.policies import POLICIES
-from tests.conftest import COMPILED, digest, draw_actions, scaled
+from tests.conftest import digest, draw_actions
 from tests.helpers.execution_modes import short
 from tests.helpers.model import digest_of_episode
 
-WORLDS, STEPS = 5, scaled(90, least=12)
-SHORT = {"ending_limit": 25, "agents_health": 40} if COMPILED else {"ending_limit": 3}
+WORLDS, STEPS = 5, 90
+SHORT = {"ending_limit": 25, "agents_health": 40}
 
 
 def make(variant: str = "teams_3", worlds: int = WORLDS, **options: Any) -> SurvivalVectorEnv:
@@ -130,17 +130,17 @@ def test_adapters_are_recorded_by_their_base_env(tmp_path: Path, learners: bool,
         recorder = outlast.record(env.base_env, tmp_path / "a.rec")
     with recorder:
         env.reset(seed=0)
-        for _ in range(scaled(40, least=15)):
+        for _ in range(40):
             env.step(rng.integers(0, env.base_env.action_sizes, (env.num_envs, 6)))
     assert replayed(tmp_path / "a.rec") == watched.states
 
 
 def test_threads_and_numbers_of_worlds_make_no_difference(tmp_path: Path) -> None:
     """Digests of larger batches take turns: 64 worlds a tick."""
-    env = make("ffa_1", worlds=scaled(150, least=70), threads=2, first_world=3)
+    env = make("ffa_1", worlds=150, threads=2, first_world=3)
     summary = None
     with outlast.record(env, tmp_path / "a.rec", episodes=0):
-        summary = rollout(env, POLICIES["random"](env, 0), scaled(60, least=4))
+        summary = rollout(env, POLICIES["random"](env, 0), 60)
     replay = Replay(found := Recording.open(tmp_path / "a.rec"), threads=3)
     assert list(replay.ticks()) == list(range(len(found)))
     assert str(replay.summary) == str(summary)
@@ -199,7 +199,7 @@ def test_mechanics_of_others_need_the_scenario(tmp_path: Path, monkeypatch: Any)
     env = outlast.make_vec(scenario, 2, seed=0)
     watched = Watched(env)
     with outlast.record(env, tmp_path / "a.rec"):
-        rollout(env, POLICIES["random"](env, 0), scaled(30, least=5))
+        rollout(env, POLICIES["random"](env, 0), 30)
     monkeypatch.delitem(sys.modules, "poison")
     with pytest.raises(RecordingError, match=r"poison\.Poison is not one of outlast's own.*scenario=\.\.\."):
         Recording.open(tmp_path / "a.rec")
@@ -275,7 +275,7 @@ def path(tmp_path_factory: Any) -> Path:
     path: Path = tmp_path_factory.mktemp("replay") / "a.rec"
     env = outlast.make_vec("teams_3", 70, seed=1)
     with outlast.record(env, path):
-        rollout(env, POLICIES["random"](env, 0), scaled(60, least=12))
+        rollout(env, POLICIES["random"](env, 0), 60)
     return path
 
 
@@ -338,7 +338,7 @@ def test_digests_depend_on_every_byte_of_every_world_alone() -> None:
         assert digests.names[k] == component.__name__
         for column in worlds[component]:
             found = []
-            for _ in range(scaled(20, least=4)):
+            for _ in range(20):
                 where = tuple(int(rng.integers(size)) for size in column.shape)
                 kept = column[where].copy()
                 column[where] = _flipped(kept, int(rng.integers(8 * column.itemsize)))

@@ -13,10 +13,9 @@ import pytest
 
 from outlast.envs.rendering.video import write_film
 from outlast.envs.rendering.video.codecs import compress
-from tests.conftest import scaled
 
 SUFFIXES = (".mp4", ".webm", ".gif", ".apng", "")
-COUNT = scaled(31, least=5)
+COUNT = 31
 Image = np.ndarray[Any, Any]
 
 

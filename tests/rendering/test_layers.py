@@ -29,7 +29,6 @@ from outlast.envs.rendering.layers import (
 )
 from outlast.envs.rendering.rgb import draw
 from outlast.systems import Preparation
-from tests.conftest import scaled
 from tests.helpers.scenario_builder import ScenarioBuilder, duel
 
 SIZE = 512
@@ -181,7 +180,7 @@ def test_who_is_blind_has_no_cone() -> None:
 
 def test_lines_of_sight_lead_to_the_entities_seen() -> None:
     """The observed entities and the lines drawn agree for every agent of every world."""
-    env = make_vec("teams_3", scaled(40, least=5), seed=5)
+    env = make_vec("teams_3", 40, seed=5)
     observations, _ = env.reset()
     masks = [key for key in observations if key.endswith("_mask") and "slot" not in key]
     assert len(masks) == 4

@@ -28,7 +28,7 @@ from outlast.envs.rendering.layers import (
 from outlast.envs.rendering.rgb import draw, text
 from outlast.envs.rendering.video import footage
 from outlast.levels import FloorPlan
-from tests.conftest import digest, scaled
+from tests.conftest import digest
 from tests.helpers.scenario_builder import ScenarioBuilder
 
 EVERYTHING = (*LAYERS, CamerasLayer())
@@ -62,7 +62,7 @@ def scattered(scenario: Scenario) -> Worlds:
 
 @pytest.mark.parametrize("name", ["ffa_1", "ffa_3", "teams_3"])
 def test_looking_changes_nothing_and_shows_the_same_again(name: str) -> None:
-    ticks = scaled(60, least=3)
+    ticks = 60
     worlds = played(name, ticks)
     before = digest(worlds)
     images = [draw(worlds, w, 128, EVERYTHING) for w in (0, 1, 0)]
@@ -86,7 +86,7 @@ def test_layers_read_copies() -> None:
 
 
 def test_the_order_of_layers_makes_no_difference() -> None:
-    worlds, rng = played("teams_3", scaled(30, least=3)), np.random.default_rng(0)
+    worlds, rng = played("teams_3", 30), np.random.default_rng(0)
     expected = draw(worlds, 0, 256, EVERYTHING)
     for _ in range(3):
         assert np.array_equal(draw(worlds, 0, 256, [EVERYTHING[k] for k in rng.permutation(len(EVERYTHING))]), expected)

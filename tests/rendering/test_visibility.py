@@ -13,7 +13,6 @@ from outlast.envs.rendering import style as colors
 from outlast.envs.rendering.layers import CamerasLayer
 from outlast.envs.rendering.rgb import draw
 from outlast.envs.rendering.visibility import visible_corners
-from tests.conftest import scaled
 from tests.helpers.scenario_builder import ScenarioBuilder
 
 SIZE = 1024
@@ -56,7 +55,7 @@ def test_what_is_in_the_drawn_cone_is_what_the_simulation_sees(cone: str, occlud
     game.put("box", 1, 3.5, 1.5, 0.2, size=(0.6, 1.5))
     game.put("heal", 9, 0.0, 0.2)
     rng = np.random.default_rng(0)
-    bearings, far = rng.uniform(-0.8, 0.8, scaled(PROBES, 40)), rng.uniform(0.7, 11, scaled(PROBES, 40))
+    bearings, far = rng.uniform(-0.8, 0.8, PROBES), rng.uniform(0.7, 11, PROBES)
     places = np.stack([-3 + far * np.cos(0.4 + bearings), -2 + far * np.sin(0.4 + bearings)], 1)
     places = places[(np.abs(places) < 12.3).all(1)]
     drawn, seen = covered(game), probed(game, places)

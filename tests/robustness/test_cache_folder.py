@@ -25,10 +25,8 @@ from outlast.ecs.compilation.cache import CompiledUnits
 from outlast.ecs.kernels import cache_files
 from outlast.ecs.kernels.cache_files import SUFFIX, cache_folder, cache_folders, is_private, one_at_a_time
 from outlast.ecs.kernels.machine_code import Code
-from tests.conftest import COMPILED
 from tests.engine.test_compile import ROOT, SCRIPT, in_process
 
-pytestmark = pytest.mark.skipif(not COMPILED, reason="there is no machine code")
 DIGEST = 2  # the index of the digest in the output of a process
 Warm = tuple[dict[Path, tuple[bytes, int]], str]
 

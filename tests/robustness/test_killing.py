@@ -7,11 +7,9 @@ from typing import Any
 
 import pytest
 
-from tests.conftest import COMPILED
 from tests.killing.harness import Moment, Trial, Writer, run, same_bytes, temporary_files
 from tests.killing.writers import WRITERS
 
-pytestmark = pytest.mark.skipif(not COMPILED, reason="the same files, written slower")
 for library in ("torch", "tensorboard", "matplotlib", "pyarrow", "minari", "imageio_ffmpeg"):
     pytest.importorskip(library, reason=f"needs {library}: outlast[test]")
 

@@ -6,9 +6,7 @@ import sys
 import pytest
 
 from tests import memory
-from tests.conftest import COMPILED
 
-pytestmark = pytest.mark.skipif(not COMPILED, reason="plain Python has no memory to check")
 KNOWN = {checker.name: checker for checker in memory.checkers()}
 BEYOND = """
 import ctypes

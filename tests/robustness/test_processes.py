@@ -20,9 +20,9 @@ import pytest
 import outlast
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import PendingError
-from tests.conftest import COMPILED, digest, draw_actions
+from tests.conftest import digest, draw_actions
 
-WORLDS, STEPS = 20, 30 if COMPILED else 3
+WORLDS, STEPS = 20, 30
 SEEDS = [3, 4]
 METHODS = [m for m in ("fork", "spawn", "forkserver") if sys.platform == "linux" or m == "spawn"]
 pytestmark = pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
@@ -186,7 +186,7 @@ def test_one_environment_from_changing_threads() -> None:
 
 def test_one_environment_from_several_threads_at_once() -> None:
     """A call is refused while another thread is in one; the others have the same effect as one after another."""
-    env, other = (outlast.make_vec("ffa_1", 500 if COMPILED else 20, seed=3) for _ in range(2))
+    env, other = (outlast.make_vec("ffa_1", 500, seed=3) for _ in range(2))
     for each in (env, other):
         each.reset()
     actions, done = np.ones((env.num_worlds, 2, 6), int), [0] * 4

@@ -13,14 +13,13 @@ import pytest
 from outlast import VARIANTS
 from outlast.components import Health
 from tests import soak
-from tests.conftest import COMPILED
 
 ONES = 1000
 
 
 @pytest.mark.nightly
 def test_a_short_soak_holds(capfd: pytest.CaptureFixture[str]) -> None:
-    sizes = (4096, 100, 8) if COMPILED else (160, 8, 2)
+    sizes = (4096, 100, 8)
     options = [f"--{name}={size}" for name, size in zip(soak.PARTS, sizes, strict=True)]
     soak.main([*options, "--quiet"])  # the exit code is ignored: memory may grow in so short a run
     output = capfd.readouterr().out

@@ -16,11 +16,11 @@ from outlast.envs.datasets.samples import Selection
 from outlast.envs.recording import Recording, Replay
 from outlast.systems import Teams
 from outlast.training.base.metrics import BehaviourMetrics, EpisodeMetrics, means
-from tests.conftest import draw_actions, scaled
+from tests.conftest import draw_actions
 from tests.helpers.execution_modes import short
 from tests.helpers.outputs import rows_of
 
-WORLDS = scaled(30, least=4)
+WORLDS = 30
 ALONE = short("ffa_3").vary(n_agents=integers(1, 3))
 PAIRS = short("teams_3").vary(n_agents=integers(2, 4))
 GAMES = pytest.mark.parametrize("scenario", [ALONE, PAIRS], ids=["free for all", "teams"])

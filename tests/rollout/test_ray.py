@@ -19,7 +19,6 @@ from outlast.envs.errors import ClusterError, EndlessError, FaultError
 from outlast.envs.rollout import local
 from outlast.envs.rollout.local import RolloutTask, run_task
 from outlast.envs.rollout.policies import POLICIES
-from tests.conftest import scaled
 from tests.helpers.execution_modes import short
 
 ray = pytest.importorskip("ray", reason="Ray is not installed: pip install 'outlast[ray]'")
@@ -28,7 +27,7 @@ from outlast.envs.rollout import ray as cluster  # noqa: E402
 
 pytestmark = pytest.mark.filterwarnings("ignore")  # Ray's own, by the dozen
 
-WORLDS, STEPS, SEED = 10, scaled(150, least=30), 3
+WORLDS, STEPS, SEED = 10, 150, 3
 
 
 @pytest.fixture(scope="module")

@@ -20,11 +20,11 @@ from outlast.envs.rollout import table_file
 from outlast.envs.rollout.local import MAX_BATCH, RolloutTask, rollout, run_task, split_worlds
 from outlast.envs.rollout.policies import POLICIES, random_policy, scripted_policy
 from outlast.envs.rollout.summary import Summary
-from tests.conftest import COMPILED, interrupted_after, run, scaled
+from tests.conftest import interrupted_after, run
 from tests.helpers.execution_modes import short
 from tests.helpers.outputs import length, rows_of
 
-WORLDS, STEPS = scaled(13, least=4), scaled(160, least=28)
+WORLDS, STEPS = 13, 160
 
 
 def task(policy: str = "random", variant: str = "ffa_1") -> RolloutTask:
@@ -126,7 +126,7 @@ def first_episodes(task: RolloutTask, count: int) -> dict[str, np.ndarray]:
 
 
 def test_the_first_episode_of_every_world_is_counted_and_no_other():
-    count = scaled(30, least=3)
+    count = 30
     summary, alone = run_task(whole_episodes(), 0, count), first_episodes(whole_episodes(), count)
     assert summary.episodes == count
     assert summary.sums.keys() == alone.keys()
@@ -152,7 +152,6 @@ def test_of_every_world_as_many_are_counted():
     assert summary.rows() == Summary.merge([run_task(work, 0, 2), run_task(work, 2, WORLDS - 2)]).rows()
 
 
-@pytest.mark.skipif(not COMPILED, reason="thousands of episodes")
 def test_whole_episodes_are_unbiased_and_those_that_fit_into_a_time_are_not():
     """Against the first episodes of 2000 other worlds, in standard errors."""
     wide = run_task(whole_episodes(seed=11), 0, 2000)

@@ -21,7 +21,7 @@ from outlast.envs.rollout.local import ticks
 from outlast.envs.rollout.memory import told
 from outlast.envs.rollout.policies import POLICIES
 from outlast.systems import Behaviour, Boxes, Cameras, Heals, Lidar, Maze, SafeZone, Teams
-from tests.conftest import run, scaled
+from tests.conftest import run
 from tests.helpers.execution_modes import short
 from tests.helpers.remembering import Remembering
 
@@ -438,7 +438,7 @@ def test_the_time_limit_has_another_name() -> None:
         outlast.make_vec("ffa_2", 2, max_episode_steps=5)
 
 
-BATCH, STEPS = scaled(13, least=3), scaled(160, least=28)
+BATCH, STEPS = 13, 160
 
 
 @pytest.mark.parametrize("mode", list(AutoresetMode))

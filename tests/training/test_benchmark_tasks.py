@@ -21,7 +21,6 @@ from outlast.training.benchmark import games, matches, tasks
 from outlast.training.benchmark.games import Games
 from outlast.training.benchmark.suite import FOLDER, TABLE, suite
 from outlast.training.benchmark.tasks import BUDGETS, GAMES, SEEDS, check_training_seed, track_of
-from tests.conftest import COMPILED
 from tests.digests import platform_name
 from tests.task_digests import begins, goes_on, identity, pinned
 from tests.task_digests import games as games_of
@@ -41,7 +40,6 @@ def test_a_game_is_the_one_that_its_task_names(task: str, name: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not COMPILED, reason="its sines are others: see tests/core/test_determinism.py")
 @pytest.mark.parametrize(("task", "name"), EVERY)
 @pytest.mark.by_day(8)
 def test_its_worlds_go_on_as_they_did(task: str, name: str) -> None:

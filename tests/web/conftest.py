@@ -10,7 +10,6 @@ import pytest
 import outlast
 from outlast.envs.web.play.game import Game
 from outlast.envs.web.replay import write_page
-from tests.conftest import COMPILED
 from tests.web.browser import STEPS, TITLE, WORLDS, Screen, Truth, environment, ticks
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
@@ -29,13 +28,7 @@ def browser() -> Iterator[Any]:
 
 
 @pytest.fixture(scope="module")
-def compiled() -> None:
-    if not COMPILED:
-        pytest.skip("what a browser shows does not depend on how kernels run, and takes minutes with slow ones")
-
-
-@pytest.fixture(scope="module")
-def file(compiled: None, browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def file(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> Path:
     target = tmp_path_factory.mktemp("page") / "page.html"
     env = environment()
     write_page(target, env.worlds, ticks(env, STEPS), WORLDS, title=TITLE)
@@ -43,7 +36,7 @@ def file(compiled: None, browser: Any, tmp_path_factory: pytest.TempPathFactory)
 
 
 @pytest.fixture(scope="module")
-def truths(compiled: None, browser: Any) -> dict[int, Truth]:
+def truths(browser: Any) -> dict[int, Truth]:
     env, truths = environment(), {w: Truth(w) for w in WORLDS}
     for _ in ticks(env, STEPS):
         for truth in truths.values():

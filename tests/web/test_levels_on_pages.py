@@ -22,7 +22,6 @@ from outlast.envs.rendering.scene import Scene
 from outlast.envs.web.play.game import Game, GamePhase
 from outlast.envs.web.replay import write_page
 from outlast.systems import Maze, Teams
-from tests.conftest import scaled
 from tests.web.browser import ticks
 from tests.web.clients import served
 
@@ -33,7 +32,7 @@ HUNT = (
     .roles(hunter=role(1, agents_health=200), wolf=role(1), prey=role())
 )
 ALONE = outlast.variant("ffa_3").replace(n_agents=4).vary(n_agents=integers(1, 4)).roles(a=role(), drawn="anyone")
-WORLDS = scaled(12, least=4)
+WORLDS = 12
 
 
 @pytest.fixture(params=[HUNT, ALONE], ids=["hunt", "alone"])
@@ -123,7 +122,7 @@ def test_a_game_alone_is_over_and_not_won() -> None:
 
 
 @pytest.mark.nightly
-def test_the_start_card_names_role_and_opponents(browser: Any, compiled: None) -> None:
+def test_the_start_card_names_role_and_opponents(browser: Any) -> None:
     """Only those that are there."""
     game = Game(HUNT, agent=1, seed=3)
     with served(game, fps=60) as address, browser.new_context() as context:
@@ -141,7 +140,7 @@ def test_the_start_card_names_role_and_opponents(browser: Any, compiled: None) -
     game.close()
 
 
-def test_trails_are_of_who_is_there(look: Any, compiled: None, tmp_path: Path) -> None:
+def test_trails_are_of_who_is_there(look: Any, tmp_path: Path) -> None:
     env = outlast.make_vec(ALONE, 3, seed=3)
     write_page(tmp_path / "page.html", env.worlds, ticks(env, 40), [0, 1, 2], title="levels")
     for w in range(3):
@@ -152,7 +151,7 @@ def test_trails_are_of_who_is_there(look: Any, compiled: None, tmp_path: Path) -
 
 
 @pytest.mark.nightly
-def test_cards_show_who_is_there_and_which_role(look: Any, compiled: None, tmp_path: Path) -> None:
+def test_cards_show_who_is_there_and_which_role(look: Any, tmp_path: Path) -> None:
     env = outlast.make_vec(HUNT, 3, seed=3)
     write_page(tmp_path / "page.html", env.worlds, ticks(env, 40), [0, 1, 2], title="levels")
     again = outlast.make_vec(HUNT, 3, seed=3)

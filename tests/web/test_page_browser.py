@@ -85,7 +85,7 @@ class Marking(Module):
         return {"agent": Look(ring=Mark.ring, line_to=Mark.other)}
 
 
-def test_a_ring_and_a_line_are_drawn_where_looks_name_columns(look: Any, compiled: None, tmp_path: Path) -> None:
+def test_a_ring_and_a_line_are_drawn_where_looks_name_columns(look: Any, tmp_path: Path) -> None:
     env = outlast.make_vec(outlast.variant("ffa_1").with_(Marking()), 1, seed=0)
 
     def two() -> Iterator[int]:
@@ -107,7 +107,7 @@ def test_a_ring_and_a_line_are_drawn_where_looks_name_columns(look: Any, compile
         assert sum(pixel(screen, 5.0, 1.5 + 3 * style.SIZES.sight_line)) > 600  # no ring around the other one
 
 
-def test_a_game_without_hit_points_and_bags_shows_none(look: Any, compiled: None, tmp_path: Path) -> None:
+def test_a_game_without_hit_points_and_bags_shows_none(look: Any, tmp_path: Path) -> None:
     parts = (
         systems.Agents(count=2),
         systems.FreeForAll(),

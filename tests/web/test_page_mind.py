@@ -41,7 +41,7 @@ def recorded(path: Path, variant: str, steps: int = STEPS, policy: Any = None, *
 
 
 @pytest.fixture(scope="module")
-def page(compiled: None, browser: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Thoughts]:
+def page(browser: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Thoughts]:
     """A page of both worlds with a recorded policy, and the truth about world 1."""
     folder = tmp_path_factory.mktemp("mind")
     truth = recorded(folder / "a.rec", "ffa_2", policy=Thinker(), ending_limit=50)
@@ -93,7 +93,7 @@ def test_actions_rewards_and_thoughts_are_those_of_the_simulation(look: Any, pag
     assert len(paid) == 2
 
 
-def test_who_comes_back_acts_in_that_tick(look: Any, compiled: None, tmp_path: Path) -> None:
+def test_who_comes_back_acts_in_that_tick(look: Any, tmp_path: Path) -> None:
     zone = {"safe_zone_radii": (0.1,), "safe_zone_damage": 100}
     game = outlast.variant("ffa_1").with_(Respawn(ticks=3)).replace(ending_rule="never", ending_limit=50, **zone)
     env, back, dead = outlast.make_vec(game, 1, seed=0), 0, 0
@@ -163,7 +163,7 @@ def test_what_an_address_names_in_vain_is_said(
 # ---- side by side
 
 
-def test_two_recordings_are_in_step(look: Any, compiled: None, tmp_path: Path, capsys: Any) -> None:
+def test_two_recordings_are_in_step(look: Any, tmp_path: Path, capsys: Any) -> None:
     """Of different scenarios and lengths; the shorter one rests at its end."""
     recorded(tmp_path / "a.rec", "ffa_1", 60)
     recorded(tmp_path / "b.rec", "teams_3", 40)

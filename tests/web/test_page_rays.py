@@ -16,7 +16,6 @@ from outlast.envs.rendering.rgb import draw
 from outlast.envs.web.replay import write_page
 from outlast.envs.web.replay.pack import METRE, flat
 from outlast.systems import Lidar, Maze, Preparation
-from tests.conftest import scaled
 from tests.web.browser import ticks
 
 SIZE = 512
@@ -28,7 +27,7 @@ SCENARIO = (
 
 def test_descriptions_and_snapshots_have_the_rays_that_agents_observe() -> None:
     env = outlast.make_vec(SCENARIO, 1, seed=1)
-    for _ in range(scaled(30, least=3)):
+    for _ in range(30):
         observations, _ = env.reset()
         description, now = describe(env.worlds, 0), snapshot(env.worlds, 0)
         assert description["rays"] == 9
@@ -49,7 +48,7 @@ def test_without_lidar_there_are_none(name: str) -> None:
 
 
 @pytest.mark.nightly
-def test_the_page_draws_rays_when_asked_to(look: Any, compiled: None, tmp_path: Path) -> None:
+def test_the_page_draws_rays_when_asked_to(look: Any, tmp_path: Path) -> None:
     env = outlast.make_vec(SCENARIO, 1, seed=1)
     write_page(tmp_path / "page.html", env.worlds, ticks(env, 5), [0], title="")
     screen = look(tmp_path / "page.html")

@@ -62,7 +62,7 @@ SCENARIOS = {
 
 @pytest.mark.nightly
 @pytest.mark.parametrize("name", SCENARIOS)
-def test_cones_end_at_what_hides(look: Any, compiled: None, tmp_path: Path, name: str) -> None:
+def test_cones_end_at_what_hides(look: Any, tmp_path: Path, name: str) -> None:
     """What lies in the cone that is painted is what the engine says is seen, and nothing else."""
     env = outlast.make_vec(SCENARIOS[name], 6, seed=3)
     states: list[tuple[Json, Json]] = []
@@ -84,7 +84,7 @@ def test_cones_end_at_what_hides(look: Any, compiled: None, tmp_path: Path, name
     assert found[False, False] > 200, found
 
 
-def test_who_observes_everything_has_no_cone(compiled: None) -> None:
+def test_who_observes_everything_has_no_cone() -> None:
     env = outlast.make_vec(outlast.variant("ffa_1").replace(cameras_mode="omniscient"), 1, seed=0)
     env.reset()
     assert describe(env.worlds, 0)["cone"] is None

@@ -42,14 +42,14 @@ def test_buttons_stay_in_a_short_window(look: Any) -> None:
     assert screen.page.locator("#views button").first.bounding_box()["y"] >= views["y"]
 
 
-def test_a_crowd_leaves_room_for_the_world(look: Any, compiled: None, tmp_path: Path) -> None:
+def test_a_crowd_leaves_room_for_the_world(look: Any, tmp_path: Path) -> None:
     crowd = outlast.variant("ffa_1").replace(n_agents=160).with_(SpawnGrid(cells=16))
     screen = look(page_of(tmp_path / "crowd.html", crowd, 5), viewport={"width": 1280, "height": 800})
     assert height(screen, "#stage") > 300
     assert screen.page.locator(".agent").count() == 160
 
 
-def test_many_episodes_do_not_widen_the_page(look: Any, compiled: None, tmp_path: Path) -> None:
+def test_many_episodes_do_not_widen_the_page(look: Any, tmp_path: Path) -> None:
     short = outlast.variant("ffa_1").replace(ending_limit=3)
     screen = look(page_of(tmp_path / "short.html", short, 1200), viewport={"width": 1280, "height": 800})
     assert screen.page.locator("#episodes button").count() > 300
@@ -58,7 +58,7 @@ def test_many_episodes_do_not_widen_the_page(look: Any, compiled: None, tmp_path
     assert screen.number("tick") == 0
 
 
-def test_absent_agents_cannot_be_followed(look: Any, compiled: None, tmp_path: Path) -> None:
+def test_absent_agents_cannot_be_followed(look: Any, tmp_path: Path) -> None:
     few = outlast.variant("ffa_1").replace(n_agents=6).vary(n_agents=outlast.distributions.choice(3, 6))
     env, same = (outlast.make_vec(few, 8, seed=0) for _ in range(2))
     same.reset()

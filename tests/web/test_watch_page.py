@@ -157,7 +157,7 @@ def test_only_loopback_is_bound_and_the_end_closes_it(run: Run) -> None:
 
 
 @pytest.fixture
-def opened(browser: Any, compiled: None, place: str) -> Iterator[Callable[..., Any]]:
+def opened(browser: Any, place: str) -> Iterator[Callable[..., Any]]:
     """Opens the page: opened(**options of the context). It must log nothing and reach no other host."""
     contexts, complaints, hosts = [], list[str](), set[str]()
 
@@ -298,7 +298,7 @@ def test_several_browsers_watch_one_run(opened: Any, run: Run) -> None:
 
 
 @pytest.mark.nightly
-def test_a_server_that_has_ended_is_reported_and_the_episode_goes_on(browser: Any, compiled: None, run: Run) -> None:
+def test_a_server_that_has_ended_is_reported_and_the_episode_goes_on(browser: Any, run: Run) -> None:
     run.make(1, 1024, length=20)
     with browser.new_context() as context:
         with serving(run, TITLE) as address:
