@@ -28,7 +28,7 @@ from ..base.config import EvaluationOptions
 from ..base.errors import TrainingError
 from ..base.files import check_out, check_results, read_text, write_files
 from ..base.metrics import check_statistics
-from ..base.tables import csv_text
+from ..base.tables import csv_text, with_error
 from .films import films, recording_of
 from .groups import Groups, group_policies, rate_groups
 from .match import Estimates, Match, Pairing
@@ -336,7 +336,7 @@ def _wins(evaluation: Evaluation, width: int | None) -> str:
     """Return shares of episodes that each policy wins against each other; draws count half."""
     labels = [contender.label for contender in evaluation.chosen]
     rates = {names: figures["wins"] for names, figures in _rows(evaluation)}
-    rows = [(one, *(_cell(*rates.get((one, other), (np.nan, 0))) for other in labels)) for one in labels]
+    rows = [(one, *(with_error(*rates.get((one, other), (np.nan, 0))) for other in labels)) for one in labels]
     return text_table(rows, ("wins of, against", *labels), left=1, width=width)
 
 
@@ -347,7 +347,7 @@ def _sides(evaluation: Evaluation) -> str:
         (first, one), (second, other) = figures["wins_first"], figures["wins_second"]
         error = np.hypot(one, other) + 2 / evaluation.episodes  # not 0 where all of a few games were won
         if abs(first - second) > CERTAIN * error:
-            found[pair] = abs(first - second), _cell(first, one), _cell(second, other)
+            found[pair] = abs(first - second), with_error(first, one), with_error(second, other)
     if not found:
         return ""
     most = max(found, key=lambda pair: found[pair][0])
@@ -409,20 +409,8 @@ def _group_rows(evaluation: Evaluation) -> list[tuple[Any, ...]]:
 
 def _figures(evaluation: Evaluation, names: Sequence[str], width: int | None) -> str:
     known = [name for name in names if name in evaluation.pairings[0].results.figures]
-    rows = [(*pair, *(_cell(*figures[name]) for name in known)) for pair, figures in _rows(evaluation)]
+    rows = [(*pair, *(with_error(*figures[name]) for name in known)) for pair, figures in _rows(evaluation)]
     return text_table(rows, (*FIRST, *known), left=len(FIRST), width=width)
-
-
-def _cell(mean: float, error: float) -> str:
-    """Format a mean and its error, to the error's second digit."""
-    if np.isnan(mean):
-        return "-"
-    if np.isnan(error):  # it was measured in one episode only
-        return f"{mean:.2f} ± -"
-    if not error:  # all episodes were alike
-        return f"{mean:.2f}"
-    digits = int(np.clip(1 - np.floor(np.log10(error)), 0, 4))
-    return f"{mean:.{digits}f} ± {error:.{digits}f}"
 
 
 def _rated(evaluation: Evaluation) -> list[tuple[str, float, float]]:

@@ -34,6 +34,30 @@ def with_spread(values: Sequence[float]) -> str:
     return f"{mean} ({ends})" if ends else mean
 
 
+def with_error(mean: float, error: float) -> str:
+    """Write a mean and its standard error, to the error's second digit: "0.512 ± 0.025"."""
+    if math.isnan(mean):
+        return "-"
+    if math.isnan(error):  # it was measured in one episode only
+        return f"{mean:.2f} ± -"
+    if not error:  # all episodes were alike
+        return f"{mean:.2f}"
+    digits = min(max(1 - math.floor(math.log10(error)), 0), 4)
+    return f"{mean:.{digits}f} ± {error:.{digits}f}"
+
+
+def pivot(rows: Sequence[Sequence[str]], down: int, across: int) -> tuple[list[str], list[list[str]]]:
+    """Return the heads and the lines of a table of means and errors, by two cells of each row.
+
+    rows: The last two cells are the mean and its error, as text. down, across: Which cells begin a line, and which are
+    the heads of the columns; if these are the same names, they come in the same order.
+    """
+    names, heads = (list(dict.fromkeys(row[k] for row in rows)) for k in (down, across))
+    heads = names if {*names} == {*heads} else heads
+    cells = {(row[down], row[across]): with_error(*(float(cell or "nan") for cell in row[-2:])) for row in rows}
+    return heads, [[name, *(cells.get((name, head), "") for head in heads)] for name in names]
+
+
 def decimals(value: float) -> int:
     """Return how many digits a number has behind the point."""
     return sum(abs(value) < bound for bound in (100, 10, 1))

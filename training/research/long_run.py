@@ -25,13 +25,14 @@ from ..base.config import OPPONENTS
 from ..base.errors import TrainingError
 from ..base.files import check_out, read_text, write_files
 from ..base.run_header import read_run_folder
-from ..base.tables import csv_text, digits
+from ..base.tables import csv_text, digits, pivot
 from ..plots.plot import DRAWN
-from .corrected_games import BY_SIDES, EPISODES, SCRIPTED, SELF_PLAY
-from .focus import Focus
+from .corrected_games import BY_AGENTS, BY_SIDES, EPISODES, SCRIPTED, SELF_PLAY
+from .teamwork import Teamwork
 
 WORLDS = 128
 COUNTED = SELF_PLAY | {
+    "heals_of_mates": ("used, picked up by a mate", BY_AGENTS),
     "heals_held": ("heals held", 1),
     "boxes_placed": ("boxes placed", 1),
     "deaths_zone": ("deaths in the zone", BY_SIDES),
@@ -43,7 +44,7 @@ SHARES = {
 }  # by name: what it is a share of what
 FIGURES = ("run", "policy", "figure", "value", "error")
 GAMES = ("run", "policy", "against", "wins", "error")
-RESPONSES = ("response", "against", "steps", "warm start", "wins", "error")
+RESPONSES = ("response", "run", "against", "steps", "warm start", "wins", "error")
 FILES = {"figures.csv": FIGURES, "crossplay.csv": GAMES, "responses.csv": RESPONSES}
 Rows = list[tuple[str, ...]]
 
@@ -54,7 +55,7 @@ def add(commands: Any) -> None:
     description = (
         "Let checkpoints of each run play against each other, themselves and the scripted policy: the first one, those "
         "after 2, 4, 8, ... times its steps, and the newest. Print win rates, ratings and what agents do. Of runs that "
-        "were trained against a single saved policy, print how many games each checkpoint wins against it."
+        "were trained against a single checkpoint, print how many games each checkpoint wins against it."
     )
     examples = [
         ("long-run teams_3+bounty runs/teams_3+bounty-fast-0 --out long_run", "one run; write tables"),
@@ -64,7 +65,7 @@ def add(commands: Any) -> None:
     group = command.group(DRAWN)
     group.add_argument("scenario", metavar="SCENARIO", help="the game that the runs were trained in")
     group.add_argument("runs", nargs="*", type=Path, metavar="RUN", help="folders of runs")
-    text = "folders of runs whose only opponent was a saved policy"
+    text = "folders of runs whose only opponent was a checkpoint"
     group.add_argument("--responses", nargs="+", type=Path, default=[], metavar="RUN", help=text)
     text = f"episodes of each pairing (default {EPISODES})"
     group.add_argument("--episodes", type=positive, default=EPISODES, metavar="EPISODES", help=text)
@@ -99,7 +100,7 @@ def _steps(path: Path) -> int:
 def measured(game: Scenario, run: Path, episodes: int) -> tuple[Rows, Rows]:
     """Let the chosen checkpoints of a run and the scripted policy play. Returns rows of FIGURES and of GAMES."""
     players = {str(_steps(path)): str(path) for path in chosen(run)} | {SCRIPTED: SCRIPTED}
-    with closing(_evaluation(game.with_(Behaviour(), Focus()), players, episodes)) as evaluation:
+    with closing(_evaluation(game.with_(Behaviour(), Teamwork()), players, episodes)) as evaluation:
         play(evaluation, None, None, quiet=False)
         agents, ratings = evaluation.env.num_agents, evaluation.ratings()
         assert ratings is not None  # all have played against each other
@@ -140,15 +141,15 @@ def responded(game: Scenario, run: Path, episodes: int) -> Rows:
     """
     plan = read_run_folder(run)["plan"]
     target, *others = map(Path, parse_lineup(plan.get("opponents", ""), OPPONENTS))
-    if others or not target.suffix:
-        raise TrainingError(f"{run} was not trained against one saved policy, but against {plan.get('opponents')}")
+    if others or not STEPS.fullmatch(target.name):
+        raise TrainingError(f"{run} was not trained against one checkpoint, but against {plan.get('opponents')}")
     saved = {str(_steps(path)): str(path) for path in checkpoints(run)}
     with closing(_evaluation(game, saved | {"target": str(target)}, episodes)) as evaluation:
         rows, last = Rows(), len(saved)
         for k, steps in enumerate(saved):
             wins = evaluation.play_pair((k, last)).estimates(0)["wins"]
             warm = "yes" if plan.get("warm_start") else "no"
-            rows.append(_row((run.name, "/".join(target.parts[-2:]), steps, warm), *wins))
+            rows.append(_row((run.name, target.parent.name, str(_steps(target)), steps, warm), *wins))
     return rows
 
 
@@ -170,8 +171,9 @@ def run(options: argparse.Namespace) -> int:
         figures, games = measured(game, folder, options.episodes)
         tables["figures.csv"] += figures
         tables["crossplay.csv"] += games
-        for rows, about in ((figures, folder.name), (games, "wins, against")):
-            print("", text_table(*_wide(rows, about), left=1, width=terminal_width()), sep="\n")
+        for rows, about, down, across in ((figures, folder.name, 2, 1), (games, "wins of, against", 1, 2)):
+            heads, lines = pivot(rows, down, across)
+            print("", text_table(lines, (about, *heads), left=1, width=terminal_width()), sep="\n")
     for folder in options.responses:
         tables["responses.csv"] += responded(game, folder, options.episodes)
     if rows := tables["responses.csv"]:
@@ -186,14 +188,6 @@ def run(options: argparse.Namespace) -> int:
         write_files(contents)
         print("", *contents, sep="\n")
     return 0
-
-
-def _wide(rows: Rows, about: str) -> tuple[Rows, tuple[str, ...]]:
-    """Return a table of the rows of one run with a column for each policy, and its heads, of which `about` is first."""
-    policies, names = (dict.fromkeys(row[k] for row in rows) for k in (1, 2))
-    cells = {row[1:3]: f"{row[3]} ± {row[4]}" for row in rows}
-    order = [name for name in policies if name in names] or names
-    return [(name, *(cells.get((policy, name), "") for policy in policies)) for name in order], (about, *policies)
 
 
 def _kept(path: Path) -> Rows:
