@@ -679,6 +679,19 @@ def test_evaluations_in_one_call(tmp_path: Path) -> None:
         found.estimates("nobody", "mine")
 
 
+def test_figures_of_the_episodes_in_which_a_policy_plays_one_side() -> None:
+    options: dict[str, Any] = {"episodes": 24, "worlds": 4, "quiet": True, "ending_limit": 150}
+    found = outlast.evaluate("hide_door", ["scripted", "noop"], **options)
+    both = found.estimates("scripted", "noop")
+    by_side = [found.estimates("scripted", "noop", side) for side in (0, 1)]
+    assert [each["wins"] for each in by_side] == [both["wins_first"], both["wins_second"]]
+    assert by_side[0]["ticks_seen"][0] < by_side[1]["ticks_seen"][0]  # as hiders; as seekers
+    for name in ("ticks_seen", "held", "crates_moved1", "doors_closed0"):
+        assert by_side[0][name][0] + by_side[1][name][0] == pytest.approx(2 * both[name][0])
+    itself = [found.estimates("scripted", "scripted", side)["ticks_seen"] for side in (None, 0, 1)]
+    np.testing.assert_allclose(itself, [itself[0]] * 3)
+
+
 def test_tables_of_another_evaluation_are_not_replaced(tmp_path: Path, capsys) -> None:
     """Of another game, or of other policies; the same one again, with more episodes, takes their place."""
     small = {"worlds": 4, "quiet": True, "out": tmp_path}

@@ -1,4 +1,4 @@
-"""tool-use: the test of hide and seek that takes actions away."""
+"""tool-use, the test of hide and seek that takes actions away; and phases, checkpoints against each other."""
 
 import csv
 from pathlib import Path
@@ -8,6 +8,7 @@ import pytest
 import outlast
 from outlast.envs.scenarios.hide_and_seek import HIDE_2V2
 from outlast.training.research.__main__ import main
+from outlast.training.research.phases import changes
 from outlast.training.research.tool_use import ABLATIONS, ablated
 
 
@@ -36,3 +37,37 @@ def test_only_one_side_lacks_something(name: str, agents: list[int]) -> None:
                 assert (mask[:, i] == [1, 0, 0, 1, 0]).all()
     if "ramps" in name:
         assert env.numbers()["climbing_ticks"][0].tolist() == [12, 12, 0, 0]
+
+
+def test_checkpoints_play_each_other(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    run = tmp_path / "run"
+    small = {"worlds": 4, "rollout": 16, "policies": "side", "quiet": True}
+    outlast.train("hide_small", str(run), steps=64, every=32, **small)
+    out, figure = tmp_path / "table.csv", tmp_path / "figure.png"
+    arguments = ["phases", "hide_small", str(run), "--episodes", "8", "--out", str(out), "--figure", str(figure)]
+    assert main(arguments) == 0
+    found = {
+        (row["hiders"], row["seekers"], row["figure"]): float(row["mean"])
+        for row in csv.DictReader(out.read_text().splitlines())
+    }
+    steps = sorted({hiders for hiders, _, _ in found}, key=int)
+    assert sum(figure == "ticks_seen" for *_, figure in found) == len(steps) ** 2 > 1
+    for each in steps:  # hiders are paid 1 for each of 144 ticks in which they are hidden, and -1 for others
+        assert found[each, each, "return0"] == pytest.approx(144 - 2 * found[each, each, "ticks_seen"], abs=0.01)
+        assert found[each, each, "return1"] == -found[each, each, "return0"]
+    assert figure.read_bytes().startswith(b"\x89PNG")
+    assert "later seekers: seen more" in capsys.readouterr().out
+    for path in sorted(run.glob("steps_*"))[1:]:
+        path.unlink()
+    assert main(arguments) != 0
+    assert "has 1 checkpoint: train it with --every" in capsys.readouterr().err
+
+
+def test_later_checkpoints_are_compared_against_the_same_opponent() -> None:
+    cells = {
+        (hiders, seekers): {"ticks_seen": (10.0 * seekers - 2.0 * hiders, 1.0)}
+        for hiders in (1, 2, 3)
+        for seekers in (1, 2, 3)
+    }
+    assert changes(cells, 1) == (9, 0, 9)  # later seekers see ten ticks more
+    assert changes(cells, 0) == (0, 0, 9)  # two and four ticks are below three errors of 1.4

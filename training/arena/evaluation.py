@@ -134,8 +134,10 @@ class Evaluation:
         several = len(self.chosen) > len(grouped) > 1
         return rate_groups(grouped, *self._games(), self.seed) if several else None
 
-    def estimates(self, policy: str, against: str) -> Estimates:
+    def estimates(self, policy: str, against: str, side: int | None = None) -> Estimates:
         """Return mean and standard error of each column, for a policy against another one or itself, by their labels.
+
+        side: Only from episodes in which `policy` plays that side; None: from all episodes.
 
         Raises TrainingError if there is no such pairing, or it is not complete.
         """
@@ -143,7 +145,7 @@ class Evaluation:
         for pairing in self.pairings:
             pair = tuple(names[k] for k in pairing.pair)
             if policy in pair and against in pair and {policy, against} == set(pair):
-                return pairing.estimates(pair.index(policy))
+                return pairing.estimates(pair.index(policy), side)
         raise TrainingError(f"{policy} against {against} is not complete; the policies are {', '.join(names)}")
 
     def __str__(self) -> str:

@@ -18,6 +18,7 @@ from ..base.metrics import AgentMetrics
 
 Array = np.ndarray[Any, Any]
 Estimates = dict[str, tuple[float, float]]  # mean and standard error by name
+COUNTED = ("deaths",)  # statistics that AgentMetrics counts for each policy, by the type of damage
 AgentIndices = tuple[Array, Array]  # indices of worlds and of agents in them, of equal length
 Act = Callable[
     [dict[str, Array], AgentIndices], Array
@@ -131,6 +132,9 @@ class Match:
                 self.results.enter(where, name, mean, there > 0)
             elif self.dims.get(name) == ("sides",):
                 self.results.enter(where, name, (values[rows, None] * by_side).sum(2))
+            elif values.ndim == 2 and name not in COUNTED:  # other entries are named as in training logs
+                for k, entry in enumerate(values[rows].T):
+                    self.results.enter(where, f"{name}{k}", np.repeat(entry[:, None], ROLES, 1))
         for name, total in self.metrics.totals.items():
             self.results.enter(where, name, (total[rows][:, None] * mine).sum(2))
         for name, rate in self.metrics.rates.items():
@@ -149,9 +153,19 @@ class Pairing:
     pair: tuple[int, int]
     results: MatchResults
 
-    def estimates(self, role: int) -> Estimates:
-        """Return estimates for the policy in that role. NaN where there was nothing to measure."""
-        return {name: ratio(figure[:, :, role].reshape(-1, 2)) for name, figure in self.results.figures.items()}
+    def estimates(self, role: int, side: int | None = None) -> Estimates:
+        """Return estimates for the policy in that role. NaN where there was nothing to measure.
+
+        side: Only from the episodes in which it plays that side; of a policy against itself, these are all. None: from
+        all episodes, in half of which it plays another side.
+        """
+        figures = self.results.figures
+        if side is None:
+            return {name: ratio(figure[:, :, role].reshape(-1, 2)) for name, figure in figures.items()}
+        worlds, episodes = np.indices(self.results.spans.shape[:2])
+        player = role_of(side, worlds, episodes)
+        counts = (player == role) | (self.pair[0] == self.pair[1])
+        return {name: ratio(figure[worlds, episodes, player][counts]) for name, figure in figures.items()}
 
     def won_drawn_lost(self) -> tuple[int, int, int]:
         """Return how many episodes the first policy won, drew and lost."""

@@ -7,13 +7,13 @@ from outlast.envs.cli.grammar import Parser
 from outlast.envs.cli.main import main as run
 from outlast.envs.cli.main import program
 
-from . import compare, long_run, reproduce, tool_use
+from . import compare, long_run, phases, reproduce, tool_use
 
 
 def parser() -> Parser:
     """Return the grammar of this program."""
-    about, commands = "What repeats and continues papers, of docs/paper.md.", (reproduce, compare, tool_use, long_run)
-    return program(f"python -m {__package__}", about, commands)
+    commands = (reproduce, compare, tool_use, phases, long_run)
+    return program(f"python -m {__package__}", "What repeats and continues papers, of docs/paper.md.", commands)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -39,16 +39,21 @@ def add(commands: Any) -> None:
     )
     examples = [("tool-use hide_small runs/hide_small-fast-0 --episodes 1024", "one run")]
     command = commands.add_parser("tool-use", help=text, description=description, examples=examples)
-    command.group(DRAWN).add_argument("scenario", metavar="SCENARIO", help="a scenario of hide and seek")
-    text = "a saved policy, or the folder of a run"
-    command.group(DRAWN).add_argument("runs", nargs="+", metavar="RUN", help=text)
+    add_games(command, "a saved policy, or the folder of a run")
+    command.set_defaults(run=run)
+
+
+def add_games(command: Any, runs: str) -> None:
+    """Add what games of hide and seek need to a command. runs: help on what is played."""
+    group = command.group(DRAWN)
+    group.add_argument("scenario", metavar="SCENARIO", help="a scenario of hide and seek")
+    group.add_argument("runs", nargs="+", metavar="RUN", help=runs)
     text = "episodes of each game (default 1024)"
-    command.group(DRAWN).add_argument("--episodes", type=positive, default=1024, metavar="EPISODES", help=text)
+    group.add_argument("--episodes", type=positive, default=1024, metavar="EPISODES", help=text)
     text = "write the table to this file, as CSV"
     command.group(OUTPUT).add_argument(
         "--out", type=output(lambda file: check_results([Path(file)])), metavar="FILE", help=text
     )
-    command.set_defaults(run=run)
 
 
 def ablated(scenario: Scenario, changes: dict[str, dict[str, Any]]) -> Scenario:
