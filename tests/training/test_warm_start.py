@@ -12,6 +12,8 @@ from outlast.distributions import integers
 from outlast.ecs import NumberError
 from outlast.envs.rollout.saved import CHECKPOINT
 from outlast.envs.scenarios.fingerprint import fingerprint
+from outlast.envs.scenarios.hide_and_seek import HIDE_SMALL
+from outlast.envs.scenarios.transfer import BLUEPRINT
 from outlast.training.base.annealing import parse_anneal
 from outlast.training.base.config import IMITATED, TrainingConfig, parse_warm_start
 from outlast.training.base.errors import TrainingError
@@ -157,6 +159,25 @@ def test_weights_of_other_scales_are_the_same_function(critic: str, tmp_path: Pa
             outputs.append(trainer.policies[0](seen)[:2])
     for one, other in zip(*outputs, strict=True):
         torch.testing.assert_close(one, other, rtol=1e-4, atol=1e-5)
+
+
+def test_a_game_with_other_counts_begins_with_the_weights_of_its_first_sides(tmp_path: Path) -> None:
+    file, options = tmp_path / "a.zip", {"worlds": 4, "rollout": 16}
+    trained = Trainer(config(scenario=HIDE_SMALL, policies="side", **options))
+    trained.update(trained.collect())
+    checkpoint.write_checkpoint(file, trained.policy_files(trained.config.header()))
+    task = Trainer(config(scenario=BLUEPRINT, policies="side", warm_start=str(file), **options))  # one side, 8 crates
+    task.take_weights()
+    hider, seeker = (policy.state_dict() for policy in trained.policies)
+    (own,) = (policy.state_dict() for policy in task.policies)
+    assert not same(hider, seeker)
+    actor = [name for name in own if name.startswith("actor")]
+    assert same({name: own[name] for name in actor}, hider)
+    assert not same({name: own[name] for name in actor}, seeker)
+    task.collect()
+    shared = Trainer(config(scenario=HIDE_SMALL, warm_start=str(file), **options))  # one policy of both sides
+    with pytest.raises(TrainingError, match="are 2 of preset 'fast'"):
+        shared.take_weights()
 
 
 def test_other_networks_can_be_imitated_but_not_taken(first: Path, tmp_path: Path) -> None:

@@ -123,10 +123,13 @@ class Player:
         """Return the scenario with the observations that this policy was trained with."""
         return self.preset.scenario(scenario)
 
-    def check(self, env: SurvivalVectorEnv) -> None:
-        """Check that the policy can play in these worlds. Raises TrainingError."""
+    def check(self, env: SurvivalVectorEnv, counts: bool = True) -> None:
+        """Check that the policy can play in these worlds. Raises TrainingError.
+
+        counts: Whether there must be as many entities of each kind as in training. Its weights do not depend on that.
+        """
         with self._named():
-            self._check(env._reader.views)  # whatever form a learner gets them in
+            self._check(env._reader.views, counts)  # whatever form a learner gets them in
             checkpoint.check_fields(self.header, env)
             known, asked = self.header["actions"], [int(size) for size in env.action_sizes]
             if known != asked:
@@ -258,9 +261,9 @@ class Player:
                 whole[number == k] = answer
         return joined
 
-    def _check(self, observations: dict[str, Array]) -> None:
+    def _check(self, observations: dict[str, Array], counts: bool = True) -> None:
         given = {key: array.shape[array.ndim - len(self.shapes.get(key, ())) :] for key, array in observations.items()}
-        if given != self.shapes:
+        if (given if counts else _rows(given)) != (self.shapes if counts else _rows(self.shapes)):
             raise TrainingError(
                 f"the policy was trained on {self.header['scenario']['name']} and does not fit here: "
                 f"{_differences(self.shapes, given)}; give it a scenario with the same mechanics and counts"
@@ -275,6 +278,11 @@ def _logs(policy: Networks, seen: Observed, memory: torch.Tensor | None, begins:
     """Return the log probabilities of actions, float32 (batch, values, actions)."""
     logs, after = policy.logs(seen, memory, begins)
     return [logs.permute(2, 0, 1).numpy()], after
+
+
+def _rows(shapes: dict[str, tuple[int, ...]]) -> dict[str, tuple[int, ...]]:
+    """Return the shapes of one row of each kind."""
+    return {key: shape[-1:] for key, shape in shapes.items() if not key.endswith("_mask")}
 
 
 def _differences(trained: dict[str, tuple[int, ...]], here: dict[str, tuple[int, ...]]) -> str:

@@ -215,7 +215,7 @@ class Trainer:
         if imitated or not name:
             return
         player, cure = Player(name), f"imitate it instead: --warm-start {name}:{IMITATED}"
-        player.check(self.env)
+        player.check(self.env, counts=False)
         found, here = (
             f"of {' and '.join({each or f'preset {chosen.name!r}': 0 for each in networks})} with memory {memory} and "
             f"state {state}"
@@ -224,7 +224,9 @@ class Trainer:
                 (self.network_names, self.preset, self.config.memory, self.state),
             )
         )
-        if found != here or len(player.policies) not in (1, len(self.learners)):
+        its_sides, count = self.config.policies == "side", len(self.learners)
+        fits = len(player.policies) in (1, count) or (its_sides and len(player.policies) > count)
+        if found != here or not fits:  # of more policies, those of the first sides are taken
             found, here = f"{len(player.policies)} {found}", f"{len(self.learners)} {here}"
             raise TrainingError(f"the policies in {name} are {found}, those to be trained {here}; {cure}")
         if not player.critic:

@@ -54,7 +54,7 @@ def play(scenario: Scenario, folder: Path, episodes: int) -> Cells:
     paths = {str(int(found[1])): path for path in checkpoints(folder) if (found := STEPS.fullmatch(path.name))}
     if len(paths) < 2:
         raise TrainingError(f"{folder} has {len(paths)} checkpoint: train it with --every, to keep several")
-    found, steps = evaluate(scenario, paths, episodes=episodes, worlds=128, quiet=True), [*map(int, paths)]
+    found, steps = evaluate(scenario, paths, episodes=episodes, worlds=256, quiet=True), [*map(int, paths)]
     return {(one, other): cell(found, str(one), str(other)) for one in steps for other in steps}
 
 

@@ -1,0 +1,23 @@
+"""Transfer tests of hide and seek: what their mechanics remember, mark and record."""
+
+from outlast.ecs import Array, Component, Singleton, Statistic, column
+
+
+class Errand(Singleton):
+    """What the agent has to do next: lock a crate, or come back."""
+
+    crate: Array = column("i4", unit="entity")  # the next one to lock; -1: all are locked
+    locked: Array = column("i4")  # crates that are locked
+    way: Array = column("f4")  # metres from the agent to that crate, or to where it has begun; 0: nothing is left to do
+    x: Array = column("f4")  # metres, where the agent has begun
+    y: Array = column("f4")
+
+
+class Target(Component):
+    """A mark of what has to be sheltered."""
+
+
+class Solved(Statistic):
+    """How long a task was done."""
+
+    solved: Array = column("i4")  # ticks
