@@ -9,11 +9,14 @@ from typing import Any
 from outlast import systems
 from outlast.ecs import Module
 from outlast.ecs.checks.code_hash import full_name
+from outlast.systems import hide_and_seek
 
 from ..errors import ScenarioError
 
 KNOWN: dict[str, type[Module]] = {
-    full_name(kind): kind for kind in (getattr(systems, name) for name in systems.__all__)
+    full_name(kind): kind
+    for package in (systems, hide_and_seek)
+    for kind in (getattr(package, name) for name in package.__all__)
 }
 
 

@@ -5,8 +5,7 @@ Numbers are those of examples/*.jsonnet of the published environments, with 240 
 
 from outlast.ecs import Module
 from outlast.systems import Agents, Preparation, Rooms, Teams
-from outlast.systems.hide_and_seek import Things
-from outlast.systems.hide_and_seek.transfer import Blueprint, Locking, Shelter
+from outlast.systems.hide_and_seek import Blueprint, Locking, Shelter, Things
 
 from .hide_and_seek import HIDE_SMALL
 from .scenario import Scenario

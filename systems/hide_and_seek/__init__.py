@@ -8,5 +8,6 @@ from .climbing import Climbing
 from .hiding import Hiding
 from .quadrant import Quadrant
 from .things import Handling, Things
+from .transfer import Blueprint, Locking, Shelter
 
-__all__ = ["Climbing", "Handling", "Hiding", "Quadrant", "Things"]
+__all__ = ["Blueprint", "Climbing", "Handling", "Hiding", "Locking", "Quadrant", "Shelter", "Things"]

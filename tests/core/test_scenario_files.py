@@ -14,11 +14,14 @@ import outlast
 from outlast import VARIANTS, Scenario, variant
 from outlast.components import Health, Phase
 from outlast.ecs import EngineError, Module, NumberError, Read, number
+from outlast.ecs.checks.code_hash import full_name
 from outlast.envs.cli import options
 from outlast.envs.cli.grammar import Parser
 from outlast.envs.cli.main import main
 from outlast.envs.errors import ScenarioError
+from outlast.envs.scenarios import hide_and_seek, transfer
 from outlast.envs.scenarios.fingerprint import fingerprint
+from outlast.envs.scenarios.mechanics import foreign
 from outlast.envs.scenarios.parse import mechanic, named
 from outlast.envs.scenarios.serialize import classes, rebuilt
 from outlast.systems import DropLast, Maze, Teams
@@ -125,6 +128,11 @@ def test_numbers_follow_whatever_changes_what_they_follow() -> None:
     assert game.with_(room, game["safe_zone"])["safe_zone"].radii == game["safe_zone"].radii
     varied = game.vary(trap_side=outlast.distributions.uniform(1, 2))
     assert dict(varied.replace(room_size=50.0).varied).keys() == {"trap_side"}
+
+
+def test_mechanics_of_both_games_are_known_to_files() -> None:
+    for game in (variant("teams_4"), *hide_and_seek.SCENARIOS.values(), *transfer.SCENARIOS.values()):
+        assert foreign([full_name(type(module)) for module in game.modules]) == []
 
 
 def test_nothing_that_json_names_is_imported(tag: Scenario, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,7 +12,7 @@ from outlast.components.hide_and_seek import Movable
 from outlast.ecs import NumberError
 from outlast.envs.scenarios.hide_and_seek import HIDE_SMALL
 from outlast.envs.scenarios.transfer import BLUEPRINT, LOCK_AND_RETURN, SCENARIOS, SEQUENTIAL_LOCK
-from outlast.systems.hide_and_seek.transfer import Blueprint, Locking
+from outlast.systems.hide_and_seek import Blueprint, Locking
 from tests.helpers.naive_geometry import ray_box, ray_circle
 
 IDLE, LOCK, UNLOCK = (3, 3, 3, 0, 1), (3, 3, 3, 0, 2), (3, 3, 3, 0, 0)
