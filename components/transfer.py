@@ -4,7 +4,7 @@ from outlast.ecs import Array, Component, Singleton, Statistic, column
 
 
 class Errand(Singleton):
-    """What the agent has to do next: lock a crate, or come back."""
+    """The next thing to do: lock a crate, or come back."""
 
     crate: Array = column("i4", unit="entity")  # the next one to lock; -1: all are locked
     locked: Array = column("i4")  # crates that are locked
@@ -18,6 +18,6 @@ class Target(Component):
 
 
 class Solved(Statistic):
-    """How long a task was done."""
+    """The statistic of tasks: for how long they were done."""
 
     solved: Array = column("i4")  # ticks
