@@ -3,6 +3,7 @@
 `python -m tests.options --write` writes signatures and docstrings of functions from the same fields.
 """
 
+import contextlib
 from collections.abc import Collection, Mapping
 from dataclasses import MISSING, dataclass, field, fields
 from typing import Any
@@ -14,6 +15,31 @@ from .validation import MAX_WORLDS, check_choice, check_count, check_flags
 
 MILLION = 10**6
 GAME, PLAY, OUTPUT, MACHINE = "game", "what is played", "output", "machine"  # titles of groups of options
+
+
+class ChoicesBySide(tuple[str, ...]):
+    """Choices of which sides can have different ones: a text such as "fast,seeker:paper" is in them, too."""
+
+    def __contains__(self, text: object) -> bool:
+        with contextlib.suppress(ValueError):
+            return all(super(ChoicesBySide, self).__contains__(each) for each in by_side(str(text)).values())
+        return False
+
+
+def by_side(text: str) -> dict[str, str]:
+    """Return the choices in a text such as "fast,seeker:paper": by side, and that of all others under "", first.
+
+    Raises ValueError: none is for all others, or a side has two.
+    """
+    found = {"": ""}
+    for part in text.split(","):
+        side, _, choice = part.rpartition(":")
+        if found.get(side):
+            raise ValueError(f"{text}: {side or 'all others'} cannot have both {found[side]} and {choice}")
+        found[side] = choice
+    if not found[""]:
+        raise ValueError(f"{text}: one for all other sides is needed, too, as in fast,{text}")
+    return found
 
 
 @dataclass(frozen=True)
@@ -28,7 +54,7 @@ class Option:
         metavar: What help calls its value.
         least: The lowest integer that is allowed; None if it is not an integer.
         most: The highest integer.
-        choices: What is allowed, texts or None; () if it is something else.
+        choices: What is allowed, texts or None; () if it is something else. ChoicesBySide: also other ones by side.
         many: Whether the flag can be repeated, with a text each time.
         takes: Type and default in the signatures of functions, if these are not those of the field.
     """

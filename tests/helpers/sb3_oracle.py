@@ -45,7 +45,7 @@ class SameMinibatches(RolloutBuffer):  # type: ignore[misc]  # mypy does not fol
     def __init__(self, rollout: Rollout, learner: Learner, sizes: list[int]) -> None:
         steps, agents = rollout.values.shape
         super().__init__(steps, spaces.Box(-1, 1, (1,)), spaces.MultiDiscrete(sizes), "cpu", n_envs=agents)
-        self.seen, self.actions, self.log_probs = rollout.seen, rollout.actions, rollout.log_probs
+        (self.seen,), self.actions, self.log_probs = rollout.seen.values(), rollout.actions, rollout.log_probs
         if rollout.idle is not None:
             self.actions = np.where(rollout.idle, -1, self.actions)
         self.values, self.advantages, self.returns = rollout.values, rollout.advantages, rollout.returns

@@ -36,7 +36,8 @@ def doubled(seen: Observed) -> Observed:
 def in_float64(rollout: Rollout) -> Rollout:
     """The same rollout in float64, so that results made from it differ by less than the rounding of float32."""
     names = ("log_probs", "values", "advantages")
-    return replace(rollout, seen=doubled(rollout.seen), **{n: getattr(rollout, n).astype(np.float64) for n in names})
+    seen = {form: doubled(each) for form, each in rollout.seen.items()}
+    return replace(rollout, seen=seen, **{n: getattr(rollout, n).astype(np.float64) for n in names})
 
 
 def weights(policy: torch.nn.Module) -> torch.Tensor:

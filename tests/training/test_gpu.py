@@ -133,8 +133,8 @@ def played() -> tuple[Trainer, Any]:
     """A trainer, and a rollout of it, which can be differentiated."""
     one = trainer()
     rollout = one.collect()
-    everything = torch.arange(len(rollout.seen))
-    return one, replace(rollout, seen=rollout.seen.select(everything))
+    ((form, seen),) = rollout.seen.items()
+    return one, replace(rollout, seen={form: seen.select(torch.arange(len(seen)))})
 
 
 def gradients(policy: Any, seen: Any) -> list[Any]:
@@ -222,7 +222,7 @@ def test_no_tensor_is_on_the_wrong_device_and_none_is_waited_for(played: tuple[T
     """A minibatch and its gradients on the device without numbers: asking for one fails there, and so does mixing."""
     one, rollout = played
     learner = Learner(deepcopy(one.policies[0]), one.learners[0].numbers, torch.Generator(), device=META)
-    samples, shapes = Samples(rollout, 0, META), set()
+    samples, shapes = Samples(rollout, 0, one.preset.form, META), set()
     for part in torch.randperm(rollout.learner.size).tensor_split(4):
         seen = samples.seen.select(part)
         shapes.add((len(seen.entities), len(seen.pairs[0])))

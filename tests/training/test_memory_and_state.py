@@ -15,7 +15,7 @@ from outlast.training.base.config import CHUNK, TrainingConfig
 from outlast.training.base.errors import TrainingError
 from outlast.training.base.hyperparameters import Hyperparameters
 from outlast.training.base.observation_layout import ObservationLayout
-from outlast.training.base.presets import PRESETS, preset
+from outlast.training.base.presets import PRESETS, Form, preset
 from outlast.training.policies import checkpoint
 from outlast.training.policies.packer import Packer
 from outlast.training.policies.policy import ActorCritic
@@ -28,6 +28,7 @@ from outlast.training.ppo.world_slice import NOBODY
 from outlast.training.runs.resume import capture
 
 SHORT = variant("ffa_2").replace(agents_health=10, safe_zone_radii=(9.0, 4.0), safe_zone_stand=10, safe_zone_shrink=10)
+FORM = preset("fast").form
 LAYOUT = ObservationLayout({"own": (3,), "others": (2, 4), "others_mask": (2,)})
 SIZES, WIDTH = (3, 2), 8
 STEPS, AGENTS = 2 * CHUNK, 5
@@ -65,7 +66,7 @@ def saved(path: Path, **changes: Any) -> Path:
 @pytest.mark.parametrize("chosen", [name for name in PRESETS if not PRESETS[name].egocentric])  # has no fields here
 def test_steps_one_by_one_are_the_steps_of_a_chunk(chosen: str) -> None:
     own, rng = policy(chosen), np.random.default_rng(1)
-    packer = Packer(LAYOUT, leaky=own.preset.leaky, egocentric=False)
+    packer = Packer(LAYOUT, Form(own.preset.leaky, False))
     steps = [packer(observed(rng, AGENTS)) for _ in range(STEPS)]
     begins = torch.from_numpy(rng.random((STEPS, AGENTS)) < 0.1)
     start = torch.from_numpy(rng.normal(size=(AGENTS, WIDTH)).astype(np.float32))
@@ -87,7 +88,7 @@ def test_steps_one_by_one_are_the_steps_of_a_chunk(chosen: str) -> None:
 
 def test_gradients_flow_back_through_steps_but_not_across_the_beginning_of_an_episode() -> None:
     own, rng = policy().double(), np.random.default_rng(1)
-    seen = concatenated([Packer(LAYOUT, leaky=False, egocentric=False)(observed(rng, AGENTS)) for _ in range(CHUNK)])
+    seen = concatenated([Packer(LAYOUT, Form(False, False))(observed(rng, AGENTS)) for _ in range(CHUNK)])
     seen.own, seen.entities = seen.own.double().requires_grad_(), seen.entities.double()
     start = torch.ones(AGENTS, WIDTH, dtype=torch.float64, requires_grad=True)
     begins = torch.zeros(CHUNK, AGENTS, dtype=torch.bool)
@@ -117,7 +118,7 @@ def rollout(own: ActorCritic, rng: np.random.Generator, agents: int = 32) -> Rol
     rewards, learner = zeros.copy(), np.full((CHUNK, agents), NOBODY, np.int8)
     rewards[-1] = joint[-1, :, 0] == cue
     learner[-1] = 0
-    return Rollout(seen, joint, found, zeros, rewards, learner, zeros > -1, begins, memory)
+    return Rollout({FORM: seen}, joint, found, zeros, rewards, learner, zeros > -1, begins, memory)
 
 
 @pytest.mark.parametrize(("memory", "learned"), [(WIDTH, True), (0, False)])
@@ -142,7 +143,7 @@ def test_learners_are_trained_on_what_agents_remembered(dead: str) -> None:
     trainer.update(trainer.collect())
     trainer.collect()
     made, own = trainer.collect(), trainer.policies[0]
-    samples = Chunks(made, 0, torch.device("cpu"))
+    samples = Chunks(made, 0, FORM, torch.device("cpu"))
     batch = samples.select(samples.units)
     with torch.no_grad():
         logs, values, _ = own(batch.seen, batch.memory, batch.begins)
@@ -208,7 +209,9 @@ def test_play_is_that_of_the_policy_and_forgets_where_an_episode_begins(tmp_path
         if True in begins:
             player.reset(np.array(begins))
         with torch.no_grad():
-            logs, memory = own.logs(player.packer(observations), memory, torch.tensor(begins).repeat_interleave(2))
+            logs, memory = own.logs(
+                player.packers[own.preset.form](observations), memory, torch.tensor(begins).repeat_interleave(2)
+            )
         actions = player(observations)
         assert np.array_equal(actions.reshape(4, -1), logs.argmax(0).T.numpy())
         observations, *_ = env.step(rng.integers(0, env.action_sizes, actions.shape))
@@ -256,19 +259,20 @@ def stated(chosen: str = "fast", **changes: Any) -> Trainer:
 
 
 def seen_by(trainer: Trainer) -> Observed:
-    return trainer.lane._seen(trainer.env.observe())
+    trainer.env.observe()
+    return trainer.lane.observe()[trainer.preset.form]
 
 
 def test_agents_of_a_world_get_the_same_state() -> None:
     trainer = stated()
-    rollout = trainer.collect()
-    states = rollout.seen.state.view(TICKS, WORLDS, MEMBERS, -1)
+    (seen,) = trainer.collect().seen.values()
+    states = seen.state.view(TICKS, WORLDS, MEMBERS, -1)
     assert (states == states[:, :, :1]).all()
     assert (states[:, 0] != states[:, 1]).any()
     assert (states[0] != states[-1]).any()
     assert states.shape[3] == trainer.state
     part = torch.tensor([5, 0, 5])
-    assert torch.equal(rollout.seen.select(part).state, rollout.seen.state[part])
+    assert torch.equal(seen.select(part).state, seen.state[part])
 
 
 @pytest.mark.parametrize(("chosen", "memory"), [("fast", 0), ("fast", 8), ("original", 0), ("paper", 8)])

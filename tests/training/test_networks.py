@@ -19,7 +19,7 @@ from outlast.envs.rollout.policies import scripted_policy
 from outlast.training.base.config import TrainingConfig
 from outlast.training.base.errors import TrainingError
 from outlast.training.base.observation_layout import MASK, ObservationLayout, field_table, layout_of, scales
-from outlast.training.base.presets import PRESETS, preset
+from outlast.training.base.presets import PRESETS, Form, preset
 from outlast.training.base.run_header import NAME
 from outlast.training.policies import attention, compiled_networks
 from outlast.training.policies.checkpoint import write_checkpoint
@@ -60,7 +60,7 @@ def seen(name: str, chosen: str, worlds: int = 32, steps: int = 60) -> tuple[Obs
 
 def packed(chosen: str, layout: ObservationLayout, observations: Arrays) -> Any:
     """As networks take it, in float64."""
-    return doubled(Packer(layout, leaky=preset(chosen).leaky, egocentric=False)(observations))
+    return doubled(Packer(layout, Form(preset(chosen).leaky, False))(observations))
 
 
 def make(chosen: str, layout: ObservationLayout, own: Any) -> Any:
@@ -174,7 +174,7 @@ def assert_same(one: Any, other: Any) -> None:
 def test_rows_of_some_agents_and_of_several_batches(leaky: bool) -> None:
     """Are those that are packed of their observations."""
     layout, observations, _ = seen("teams_3", "original")
-    pack = Packer(layout, leaky=leaky, egocentric=False)
+    pack = Packer(layout, Form(leaky, False))
     whole = pack(observations)
     for index in ([0, 1], [5], [7, 3, 3, 0, 60], [0, 0], list(range(len(whole)))[::-1], []):
         some = whole.select(torch.tensor(index, dtype=torch.long))
@@ -267,7 +267,7 @@ def test_what_no_extractor_can_be_is_refused() -> None:
 def test_attention_in_compiled_code_is_that_of_pytorch(agents: int, monkeypatch) -> None:
     """And so are its gradients; `seen` has agents that see nothing, one row and all rows."""
     layout, observations, own = seen("teams_3", "fast")
-    rows = Packer(layout, leaky=False, egocentric=False)(observations).select(torch.arange(agents) % 128)
+    rows = Packer(layout, Form(False, False))(observations).select(torch.arange(agents) % 128)
     extractor, found = make("fast", layout, own).float().extractors[0], []
     inputs = torch.randn(len(rows.entities), 3 * 32, generator=torch.Generator().manual_seed(2))
     for possible in (attention.possible, lambda *given: False):
@@ -285,7 +285,7 @@ def test_attention_in_compiled_code_is_that_of_pytorch(agents: int, monkeypatch)
 def test_networks_in_compiled_code_are_those_of_pytorch(agents: int, monkeypatch) -> None:
     """And so are their gradients, of several blocks of agents."""
     layout, observations, own = seen("teams_3", "fast")
-    rows = Packer(layout, leaky=False, egocentric=False)(observations).select(torch.arange(agents) % 128)
+    rows = Packer(layout, Form(False, False))(observations).select(torch.arange(agents) % 128)
     policy, found = make("fast", layout, own).float(), []
     for possible in (compiled_networks.possible, lambda *given: False):
         monkeypatch.setattr(compiled_networks, "possible", possible)
@@ -301,7 +301,7 @@ def test_networks_in_compiled_code_are_those_of_pytorch(agents: int, monkeypatch
 def test_actions_that_compiled_code_chooses_are_those_of_pytorch() -> None:
     """Some are not drawn: these are `noop`, and count for nothing in the log-probabilities."""
     layout, observations, own = seen("teams_3", "fast")
-    rows, rng = Packer(layout, leaky=False, egocentric=False)(observations), np.random.default_rng(0)
+    rows, rng = Packer(layout, Form(False, False))(observations), np.random.default_rng(0)
     policy, noop = make("fast", layout, own).float(), torch.tensor([1, 1, 1, 0, 0, 0])
     uniform, idle = rng.random((128, 6), np.float32), rng.random((128, 6)) < 0.3
     logs, values, _ = policy(rows)
@@ -347,7 +347,7 @@ def test_rows_in_the_frame_of_the_agent_are_those_of_the_naive_form(name: str) -
     for _ in range(60):
         env.step(policy(env.observe()))
     seen, layout = env.observe(), layout_of(env)
-    found = Packer(layout, leaky=False, egocentric=True)(seen)
+    found = Packer(layout, Form(False, True))(seen)
     columns = layout.field_columns()
     widths = {kind.key: kind.features for kind in layout.kinds}
     own_fields = env.fields["own"]
@@ -382,7 +382,7 @@ def test_lists_of_rows_may_have_another_type_and_lie_apart() -> None:
     """What is copied for the kernel must be there until it has been read."""
     env = make_vec("teams_3", 64, seed=0, observations="rows")
     lists, _ = env.reset()
-    pack = Packer(layout_of(make_vec("teams_3", 1)), leaky=False, egocentric=True)
+    pack = Packer(layout_of(make_vec("teams_3", 1)), Form(False, True))
     apart = {
         key: np.repeat(value.astype(np.float64), 2, 1)[:, ::2] if value.ndim == 2 else value
         for key, value in lists.items()

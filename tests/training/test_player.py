@@ -51,7 +51,9 @@ def test_a_player_has_the_policy_of_the_trainer(tmp_path: Path, chosen: str) -> 
     observations = trainer.env.observe()
     with torch.no_grad():
         own = trainer.policies[0]
-        expected = own.choose(own.logs(trainer.lane.packer(observations))[0], None).numpy().reshape(4, 4, -1)
+        expected = (
+            own.choose(own.logs(trainer.lane.packers[own.preset.form](observations))[0], None).numpy().reshape(4, 4, -1)
+        )
     assert np.array_equal(Player(tmp_path / "a.zip", seed=None)(observations), expected)
     one, other = (Player(tmp_path / "a.zip", seed=7) for _ in range(2))
     drawn = [(one(observations), other(observations)) for _ in range(3)]
@@ -359,7 +361,7 @@ def test_probabilities_and_values_are_those_of_the_networks(tmp_path: Path, pres
     player, observations = played(explained_policy(tmp_path / "a.zip", preset))
     value, likely, attention = player.explainer()(observations)
     with torch.no_grad():
-        logs, values, _ = player.policies[0](player.packer(observations))
+        logs, values, _ = player.policies[0](player.packers[player.preset.form](observations))
     np.testing.assert_allclose(value, values.numpy().reshape(4, 2), rtol=1e-5)
     each = np.split(likely, np.cumsum(ACTIONS)[:-1], -1)
     for k, shares in enumerate(each):

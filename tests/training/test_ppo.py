@@ -124,7 +124,7 @@ def test_actions_have_the_probabilities_that_the_rollout_says(preset: str) -> No
     rollout = trainer.collect()
     some = torch.arange(0, rollout.alive.size, 3)
     with torch.no_grad():
-        logs, values, _ = trainer.policies[0](rollout.seen.select(some))
+        logs, values, _ = trainer.policies[0](rollout.seen[trainer.preset.form].select(some))
         actions = torch.from_numpy(rollout.actions.reshape(rollout.alive.size, -1))[some]
         free = None if rollout.idle is None else torch.from_numpy(~rollout.idle.reshape(rollout.alive.size, -1))[some]
         found = trainer.policies[0].choices.of(actions, logs, free)

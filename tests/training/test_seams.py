@@ -10,13 +10,16 @@ import torch
 import outlast
 from docs.examples.own_ppo import Pooled, Predicting, kl_penalty, predicting
 from outlast.envs.scenarios.hide_and_seek import HIDE_DOOR
+from outlast.training.base.config import TrainingConfig
 from outlast.training.base.errors import TrainingError
+from outlast.training.base.presets import preset
 from outlast.training.policies.player import Player
 from outlast.training.policies.policy import ActorCritic
 from outlast.training.policies.rows import Rows
 from outlast.training.ppo import learner
 from outlast.training.ppo.loss import ppo_loss
 from outlast.training.ppo.minibatches import Batch
+from outlast.training.ppo.trainer import Trainer
 from outlast.training.runs.run import TrainingRun
 from outlast.training.runs.train import TrainedRun
 from tests.helpers.runs import assert_same, points
@@ -156,6 +159,51 @@ def test_sides_have_networks_and_numbers_of_their_own(tmp_path: Path) -> None:
         ({"policies": "shared"}, "for one side, but all have one policy: take policies = 'side'"),
     ):
         with pytest.raises(TrainingError, match=words):
+            trained("other", 1, **given)
+
+
+def test_sides_have_presets_of_their_own(tmp_path: Path) -> None:
+    """Each observes, learns and plays as where all have its preset; what a rollout is, the first one says."""
+    game = HIDE_DOOR.replace(ending_limit=20, preparation_ticks=5, handling_reach=3)
+    mixed, usual = "fast,seeker:original", {"policies": "side", "worlds": 8}
+    own: dict[str, Any] = usual | {"preset": mixed, "opponents": "self:1,past:1", "snapshots": 1}
+
+    def trained(folder: str, rollouts: int, **more: Any) -> TrainedRun:
+        return outlast.train(game, tmp_path / folder, steps=rollouts * 2 * EACH, **(TINY | own | more))
+
+    run = trained("parts", 2)
+    trained("parts", 3, resume=True)
+    trained("whole", 3)
+    assert_same(tmp_path / "whole", tmp_path / "parts")
+    player = Player(run.policy)
+    assert [policy.preset.name for policy in player.policies] == ["fast", "original"]
+    env = outlast.make_vec(player.scenario(game), 2, seed=0)
+    assert env.scenario.numbers()["cameras_mode"] == "revealed"
+    values, likely, attention = player.explainer()(env.reset()[0])
+    assert np.isfinite(values).all()
+    assert np.isfinite(likely).all()
+    assert (attention.sum(-1) <= 1 + 1e-6).all()
+    assert len(outlast.evaluate(game, [run.policy, "random"], episodes=2, worlds=2, quiet=True).pairings) == 3
+    config = TrainingConfig(game, mixed, rollout=8 * 32, **usual)
+    assert config.numbers_by_policy["seeker"].target_kl == preset("original").numbers.target_kl
+    assert config.numbers_by_policy["seeker"].scale_rewards == config.numbers.scale_rewards
+    assert config.size == TrainingConfig(game, "fast", rollout=8 * 32, **usual).size
+    rollout = Trainer(config).collect()
+    seeking = rollout.learner == 1
+    assert not rollout.idle[seeking].any()
+    assert rollout.idle[~seeking].any()
+    for number, (name, parts) in enumerate({"fast": ("own", "entities", "count"), "original": ("packed",)}.items()):
+        (there,) = Trainer(TrainingConfig(game, name, rollout=8 * 32, **usual)).collect().seen.values()
+        first = torch.from_numpy(np.flatnonzero(rollout.learner[0] == number))  # actions differ from then on
+        one, other = rollout.seen[preset(name).form].select(first), there.select(first)
+        assert all(torch.equal(getattr(one, part), getattr(other, part)) for part in parts)
+    for given, words in (
+        ({"preset": "fast,seekr:paper"}, "preset: there is no policy 'seekr' to train; did you mean seeker"),
+        ({"preset": "seeker:paper"}, "one for all other sides is needed, too, as in fast,seeker:paper"),
+        ({"preset": "fast,seeker:paper,seeker:scaled"}, "seeker cannot have both paper and scaled"),
+        ({"policies": "shared"}, "for one side, but all have one policy: take policies = 'side'"),
+    ):
+        with pytest.raises(ValueError, match=words):
             trained("other", 1, **given)
 
 

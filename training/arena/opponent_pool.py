@@ -15,6 +15,7 @@ from outlast.envs.rollout.policies import POLICIES
 
 from ..base.config import PAST, SELF
 from ..base.errors import TrainingError
+from ..base.presets import Form
 from ..policies.checkpoint import REST, check_state, load_weights
 from ..policies.packer import Packer
 from ..policies.player import Player
@@ -40,7 +41,7 @@ class Opponent:
         name: One of OPPONENTS, a path, or past@STEPS for a past self that was trained for so many agent-steps.
         weight: How often it is drawn, unless opponents are prioritised.
         policies: Those of a past self, one for each learner, or those of a file.
-        packer: Packs observations for these policies; None: the learners' packer does.
+        packers: Pack observations for these policies, by form; None: the learners' packers do.
         team: int (agents of a world,), which of the policies plays each agent; None: as with the learners.
         plain: Instead of policies, a function from the observations of some agents and uniform numbers (agents,
             actions) to actions.
@@ -52,7 +53,7 @@ class Opponent:
     name: str
     weight: float
     policies: Sequence[Networks] = ()
-    packer: Packer | None = None
+    packers: Mapping[Form, Packer] | None = None
     team: Array | None = None
     plain: Plain | None = None
     rating: float = MEAN
@@ -115,7 +116,7 @@ class OpponentPool:
         for name, player in players.items():
             player.check(env)
             team = player.team if len(player.policies) > 1 else np.zeros(env.num_agents, int)
-            self._add(Opponent(name, weights[name], player.policies, player.packer, team))
+            self._add(Opponent(name, weights[name], player.policies, player.packers, team))
         self.past: list[int] = []
         self.dropped = 0
         self.memory = max([memory, *(player.memory for player in players.values())])

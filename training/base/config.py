@@ -9,7 +9,7 @@ from typing import Any
 from outlast.components import Return
 from outlast.ecs.checks.code_hash import full_name
 from outlast.ecs.kernels.integers import as_whole
-from outlast.envs.core.options import check_options, default_of, option, options_of
+from outlast.envs.core.options import ChoicesBySide, check_options, default_of, option, options_of
 from outlast.envs.levels import Level
 from outlast.envs.rollout.policies import POLICIES as NAMED
 from outlast.envs.rollout.saved import MASKED, SAVED_AS, cameras_mode, is_saved, policy_file
@@ -90,8 +90,9 @@ class TrainingConfig:
         FAST,
         LEARNED,
         "networks, numbers of PPO and size of a rollout: fast; original, what the paper's authors ran; paper, what the "
-        "paper's text says; scaled, which is paper with inputs of about -1 to 1",
-        choices=tuple(PRESETS),
+        "paper's text says; scaled, which is paper with inputs of about -1 to 1; with policies=side, one side can have "
+        "another one, as in fast,seeker:paper",
+        choices=ChoicesBySide(PRESETS),
     )
     steps: int = option(10_000_000, LEARNED, "agent-steps to train for, rounded up to whole rollouts", least=0)
     seed: int = option(0, LEARNED, "the same seed gives the same numbers", least=0)
@@ -280,7 +281,8 @@ class TrainingConfig:
         apart = isinstance(self.networks, Mapping) or len(self.numbers_by_policy) > 1
         if apart and self.policies == "shared":
             raise TrainingError(
-                "networks or numbers of PPO are given for one side, but all have one policy: take policies = 'side'"
+                "a preset, networks or numbers of PPO are given for one side, but all have one policy: take policies = "
+                "'side'"
             )
 
     def header(self) -> Header:
@@ -308,7 +310,7 @@ class TrainingConfig:
     @property
     def numbers_by_policy(self) -> dict[str, Hyperparameters]:
         """The numbers of PPO by policy, see Hyperparameters.by_policy. Raises TrainingError if one is not possible."""
-        return preset(self.preset).numbers.by_policy(self.settings)
+        return preset(self.preset).numbers_by_policy(self.settings)
 
     @property
     def teacher(self) -> tuple[str, int]:

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
+from types import MappingProxyType
 from typing import Any
 
 from outlast.ecs.kernels.errors import meant
@@ -80,18 +81,21 @@ class Hyperparameters:
             if not (fits(value) and value < math.inf):
                 raise TrainingError(f"{name}={value}: a finite number {words} is needed")
 
-    def by_policy(self, settings: Mapping[str, Any]) -> dict[str, "Hyperparameters"]:
+    def by_policy(
+        self, settings: Mapping[str, Any], own: Mapping[str, "Hyperparameters"] = MappingProxyType({})
+    ) -> dict[str, "Hyperparameters"]:
         """Return copies with other settings by the name of the policy, "" for those that are not named.
 
-        settings: "ent_coef" for all policies, "seeker:ent_coef" for one of them. Raises TrainingError as `changed`.
+        settings: "ent_coef" for all policies, "seeker:ent_coef" for one of them. own: The numbers of policies to which
+        settings are applied instead of these. Raises TrainingError as `changed`.
         """
-        given: dict[str, dict[str, Any]] = {"": {}}
+        given = dict[str, dict[str, Any]]({name: {} for name in ("", *own)})
         for name, value in settings.items():
             policy, _, number = name.rpartition(":")
             if policy and number in TOGETHER:
                 raise TrainingError(f"{name}: all policies share {', '.join(TOGETHER)}; say {number} alone")
             given.setdefault(policy, {})[number] = value
-        return {policy: self.changed(given[""] | own) for policy, own in given.items()}
+        return {name: own.get(name, self).changed(given[""] | changes) for name, changes in given.items()}
 
     def changed(self, settings: Mapping[str, Any]) -> "Hyperparameters":
         """Return a copy with other settings. Raises TrainingError for unknown names and impossible values."""

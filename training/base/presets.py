@@ -1,15 +1,17 @@
 """Presets: the paper's networks and numbers according to its text or its authors' code, and faster ones."""
 
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
 
+from outlast.envs.core.options import by_side
 from outlast.envs.errors import ScenarioError
-from outlast.envs.rollout.saved import forms
+from outlast.envs.rollout.saved import MASKED, REVEALED, forms
 from outlast.envs.scenarios.fingerprint import difference, fingerprint
 from outlast.envs.scenarios.scenario import Scenario
 
 from .errors import TrainingError
-from .hyperparameters import Hyperparameters
+from .hyperparameters import TOGETHER, Hyperparameters
 
 WORLDS, ROLLOUT = 64, 16384  # worlds that share a rollout; its environment steps, which in the paper one world plays
 DEAD = ("keep", "drop")  # what becomes of the samples of dead agents, see Lane
@@ -27,12 +29,19 @@ FAST = Hyperparameters(
 )
 
 
+class Form(NamedTuple):
+    """The form in which networks take observations, see Preset."""
+
+    leaky: bool
+    egocentric: bool
+
+
 @dataclass(frozen=True)
 class Preset:
     """Networks, numbers of PPO, and the size of a rollout.
 
     Attributes:
-        name: The name by which it is chosen.
+        name: The name by which it is chosen, with those of sides that have others: "fast,seeker:paper".
         activation: "tanh" or "relu".
         shared: Whether policy and value have one extractor, or one each.
         leaky: Whether hidden entities are attended to, with their logits raised by 1, averages are over the number of
@@ -40,7 +49,7 @@ class Preset:
             out of both.
         scaled: Whether inputs are brought to about -1 to 1.
         egocentric: Whether agents observe everything from where they stand and look, see `egocentric`.
-        cameras: The value of cameras_mode, that is what the rows of hidden entities hold.
+        cameras: The value of cameras_mode, that is what the rows of hidden entities hold. If sides differ, "revealed".
         masked: Whether actions that can change nothing, as a strike with a weapon that is cooling down, are not drawn:
             then they are `noop`, and there is nothing to learn from them.
         width: Width of every embedding.
@@ -49,6 +58,8 @@ class Preset:
         numbers: The numbers of PPO, unless others are asked for.
         agents: Agents of all worlds together, unless the number of worlds is given; 0: there are WORLDS worlds.
         steps: Steps of each world in a rollout; 0: all worlds share ROLLOUT steps.
+        sides: If sides have different ones, their presets by side, and that of all others under "". They decide all but
+            the size of a rollout and the numbers that are the same for all.
     """
 
     name: str
@@ -57,7 +68,7 @@ class Preset:
     leaky: bool
     scaled: bool = False
     egocentric: bool = False
-    cameras: str = "masked"
+    cameras: str = MASKED
     masked: bool = False
     width: int = 32
     heads: int = 4
@@ -65,6 +76,16 @@ class Preset:
     numbers: Hyperparameters = PAPER_NUMBERS
     agents: int = 0
     steps: int = 0
+    sides: Mapping[str, "Preset"] = field(default_factory=dict)
+
+    @property
+    def form(self) -> Form:
+        """The form in which its networks take observations."""
+        return Form(self.leaky, self.egocentric)
+
+    def numbers_by_policy(self, settings: Mapping[str, Any]) -> dict[str, Hyperparameters]:
+        """Return the numbers of PPO with other settings, as Hyperparameters.by_policy does, from those of each side."""
+        return self.numbers.by_policy(settings, {name: own.numbers for name, own in self.sides.items()})
 
     def scenario(self, scenario: Scenario) -> Scenario:
         """Return the scenario with the observations of this preset. Without cameras, it stays as it is."""
@@ -103,7 +124,7 @@ SCALED = replace(PAPER, name="scaled", scaled=True)
 PRESETS = {
     preset.name: preset
     for preset in (
-        Preset("original", activation="tanh", shared=True, leaky=True, cameras="revealed"),
+        Preset("original", activation="tanh", shared=True, leaky=True, cameras=REVEALED),
         PAPER,
         SCALED,
         replace(SCALED, name="fast", egocentric=True, shared=True, masked=True, agents=512, steps=128, numbers=FAST),
@@ -112,7 +133,21 @@ PRESETS = {
 
 
 def preset(name: Any) -> Preset:
-    """Return the preset of that name. For any other, raises a ScenarioError that lists all presets."""
-    if name not in PRESETS:
-        raise ScenarioError(f"there is no preset '{name}'; known: {', '.join(PRESETS)}")
-    return PRESETS[name]
+    """Return the preset of that name, such as "fast", or "fast,seeker:paper" with another one for a side.
+
+    Raises ScenarioError, which lists all presets, for any other name.
+    """
+    try:
+        chosen = by_side(str(name))
+    except ValueError as error:
+        raise ScenarioError(f"preset {error}") from None
+    for each in chosen.values():
+        if each not in PRESETS:
+            raise ScenarioError(f"there is no preset '{each}'; known: {', '.join(PRESETS)}")
+    base = PRESETS[chosen[""]]
+    if len(chosen) == 1:
+        return base
+    same = {number: getattr(base.numbers, number) for number in TOGETHER}
+    sides = {side: replace(PRESETS[each], numbers=PRESETS[each].numbers.changed(same)) for side, each in chosen.items()}
+    cameras = REVEALED if REVEALED in {each.cameras for each in sides.values()} else MASKED
+    return replace(base, name=name, cameras=cameras, sides=sides)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from outlast.ecs.declarations.fields import SMALLEST
+from outlast.envs.core.options import ChoicesBySide
 from outlast.envs.scenarios.fingerprint import is_fingerprint, is_word
 from outlast.envs.storage import safe_npz, strict_json
 
@@ -126,7 +127,8 @@ def is_count(given: Any) -> bool:
 VALIDATORS: dict[str, Callable[[Any], bool]] = {
     "steps": is_count,
     ASKED: is_count,
-    "preset": lambda given: isinstance(given, str) and given in PRESETS,
+    "preset": lambda given: isinstance(given, str) and given in ChoicesBySide(PRESETS),
+    "presets": lambda given: isinstance(given, list) and all(map(PRESETS.__contains__, given)),
     "scenario": is_fingerprint,
     "modules": lambda given: isinstance(given, list) and all(map(is_word, given)),
     "observations": _are_observations,

@@ -99,9 +99,8 @@ class PlannedRun:
     @property
     def folder_name(self) -> str:
         """Return the name of its folder, unless the user gives one."""
-        return "-".join(
-            (self.config.scenario.file_name, *map(as_filename, self.marks), self.config.preset, str(self.config.seed))
-        )
+        marks = map(as_filename, (*self.marks, self.config.preset))
+        return "-".join((self.config.scenario.file_name, *marks, str(self.config.seed)))
 
     def words(self) -> list[str]:
         """Return the words of a command line that only this run has."""

@@ -44,9 +44,9 @@ class PolicyExplainer:
             row of `entities` gets, averaged over heads and over the rows that attend; together at most 1. For networks
             of a user's own it is 0.
         """
-        values, likely, attention = self._player._ask(observations, self._explain)
-        if not self._player.preset.leaky:
-            attention = self._spread(attention, observations)
+        values, likely, attention, packed = self._player._ask(observations, self._explain)
+        if packed.any():
+            attention = np.where(packed[:, None], self._spread(attention, observations), attention)
         leading = observations[OWN].shape[:-1]
         return values.reshape(leading), likely.reshape(*leading, -1), attention.reshape(*leading, attention.shape[1])
 
@@ -61,12 +61,13 @@ class PolicyExplainer:
             attention = attended(cast(Extractor, policy.extractors[0]), seen)
         else:
             attention = torch.zeros((len(seen), self._layout.rows), **FLOAT)
-        return [values.numpy(), likely.numpy(), attention.numpy()], after
+        packed = np.full(len(seen), isinstance(seen, Rows))
+        return [values.numpy(), likely.numpy(), attention.numpy(), packed], after
 
     def _spread(self, packed: Array, observations: dict[str, Array]) -> Array:
         """Return the attention of all rows, (batch, rows), from that of visible ones, which `packed` has first."""
         kinds = self._layout.kinds
-        masks = [observations[kind.key + MASK].reshape(-1, kind.rows) != 0 for kind in kinds]
+        masks = [observations[kind.key + MASK].reshape(len(packed), kind.rows) != 0 for kind in kinds]
         visible = np.concatenate([*masks, np.zeros((len(packed), 0), bool)], 1)
         spread = np.zeros(visible.shape, np.float32)
         spread[visible] = packed[np.arange(visible.shape[1]) < visible.sum(1)[:, None]]

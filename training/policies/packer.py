@@ -5,7 +5,7 @@ grow with every turn. So a network would have to learn to subtract and to rotate
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from outlast.envs.core.visible_rows import START, VisibleRows, called
 
 from ..base.errors import TrainingError
 from ..base.observation_layout import OWN, ObservationLayout
+from ..base.presets import Form, Preset
 from .rows import Observed, PaddedRows, Rows
 
 Array = np.ndarray[Any, Any]
@@ -123,17 +124,22 @@ def pack(
     return 0
 
 
+def packers_of(layout: ObservationLayout, presets: Iterable[Preset]) -> dict[Form, "Packer"]:
+    """Return a packer for each form that networks of these presets take. Raises TrainingError, see Packer."""
+    return {form: Packer(layout, form) for form in dict.fromkeys(each.form for each in presets)}
+
+
 class Packer:
     """A packer of observations, by key and kind, in the form that the networks of a preset take."""
 
-    def __init__(self, layout: ObservationLayout, *, leaky: bool, egocentric: bool) -> None:
-        """Make a packer for the networks of a preset.
+    def __init__(self, layout: ObservationLayout, form: Form) -> None:
+        """Make a packer for the networks of presets of that form.
 
-        leaky: Whether the rows of hidden entities are packed, too. egocentric: Whether what is seen is brought into the
+        If it is leaky, the rows of hidden entities are packed, too; if egocentric, what is seen is brought into the
         frame of the agent, see `turns`. Raises TrainingError: it is egocentric, and the layout lacks the fields for
         that.
         """
-        self.layout, self.leaky = layout, leaky
+        self.layout, (self.leaky, egocentric) = layout, form
         none: list[Array] = [np.zeros((0, 0), np.int64)] * (1 + len(layout.kinds))
         self._turns = turns(layout) if egocentric else none
         self._angle = layout.field_columns()[OWN][ANGLE] if egocentric else 0

@@ -26,9 +26,9 @@ except ModuleNotFoundError as error:
 from ..base.errors import TrainingError
 from ..base.noise import EpisodeNoise
 from ..base.observation_layout import OWN, ObservationLayout, scales
-from ..base.presets import preset
+from ..base.presets import Form, preset
 from .explainer import Answer, PolicyExplainer, Question
-from .packer import Packer
+from .packer import packers_of
 from .policy import ActorCritic, Networks, networks_named
 from .rows import Observed
 from .torch_settings import FLOAT, playing
@@ -71,7 +71,8 @@ class Player:
         self.shapes = {key: tuple(shape) for key, shape in self.header["observations"].items()}
         self.layout = ObservationLayout(self.shapes, self.header["fields"])
         self.preset = preset(self.header["preset"])
-        self.packer = Packer(self.layout, leaky=self.preset.leaky, egocentric=self.preset.egocentric)
+        self.presets = [preset(name) for name in self.header.get("presets", [self.preset.name] * len(weights))]
+        self.packers = packers_of(self.layout, self.presets)
         self.memory: int = self.header["memory"]
         self.state: int = self.header["state"]
         self.reset = self._reset if self.memory else None
@@ -92,8 +93,9 @@ class Player:
     def _make_policies(self, weights: list[dict[str, torch.Tensor]]) -> list[Networks]:
         """Make the policies; sizes in run.json are checked against those of their weights first."""
         layout, actions = self.layout, self.header["actions"]
-        if len(self.networks) != len(weights):
-            raise TrainingError(f"run.json has networks of {len(self.networks)} policies, and {len(weights)} are saved")
+        for what, each in (("networks", self.networks), ("presets", self.presets)):
+            if len(each) != len(weights):
+                raise TrainingError(f"run.json has {what} of {len(each)} policies, and {len(weights)} are saved")
         kinds = [networks_named(name) for name in self.networks]
         self.team = np.array(self.header["team"])
         self.id = list(self.header["fields"][OWN]).index("id") if len(weights) > 1 else 0
@@ -106,10 +108,8 @@ class Player:
         if {*kinds} == {ActorCritic} and least * len(weights) > held:
             raise TrainingError("what is saved is too small for the observations, actions and memory in run.json")
         sizes, policies = scales(layout, self.header["fields"]), list[Networks]()
-        for kind, own in zip(kinds, weights, strict=True):
-            policy = kind(
-                actions, layout=layout, preset=self.preset, scales=sizes, memory=self.memory, state=self.state
-            )
+        for kind, chosen, own in zip(kinds, self.presets, weights, strict=True):
+            policy = kind(actions, layout=layout, preset=chosen, scales=sizes, memory=self.memory, state=self.state)
             if not self.critic:
                 blank = {
                     name: torch.zeros_like(each) for name, each in policy.state_dict().items() if _is_of_critic(name)
@@ -240,25 +240,28 @@ class Player:
                 leading = observations[OWN].shape[:-1]
                 memory, begins = self._recall(leading[:-1], math.prod(leading[-1:]))
         with playing():
-            return self._answers(self.packer(observations), memory, begins, question)
+            seen = {form: packer(observations) for form, packer in self.packers.items()}
+            return self._answers(seen, memory, begins, question)
 
     def _answers(
-        self, seen: Observed, memory: torch.Tensor | None, begins: torch.Tensor | None, question: Question
+        self, seen: dict[Form, Observed], memory: torch.Tensor | None, begins: torch.Tensor | None, question: Question
     ) -> list[Array]:
         if len(self.policies) == 1:
-            answers, self._remembered = question(self.policies[0], seen, memory, begins)
+            (whole,) = seen.values()
+            answers, self._remembered = question(self.policies[0], whole, memory, begins)
             return answers
         joined: list[Array] = []
-        number = self.team[seen.own[:, self.id].numpy().astype(int)]
+        number = self.team[next(iter(seen.values())).own[:, self.id].numpy().astype(int)]
         for k in np.unique(number):
             where = torch.from_numpy(np.flatnonzero(number == k))
             own = (None, None) if memory is None or begins is None else (memory[where], begins[where])
-            answers, after = question(self.policies[k], seen.select(where), *own)
+            policy = self.policies[k]
+            answers, after = question(policy, seen[policy.preset.form].select(where), *own)
             if memory is not None and after is not None:
                 memory[where] = after
-            joined = joined or [np.zeros((len(seen), *answer.shape[1:]), answer.dtype) for answer in answers]
-            for whole, answer in zip(joined, answers, strict=True):
-                whole[number == k] = answer
+            joined = joined or [np.zeros((len(number), *answer.shape[1:]), answer.dtype) for answer in answers]
+            for every, answer in zip(joined, answers, strict=True):
+                every[number == k] = answer
         return joined
 
     def _check(self, observations: dict[str, Array], counts: bool = True) -> None:

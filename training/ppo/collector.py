@@ -70,13 +70,14 @@ class Collector:
                 f"rewards, or their discounted sums, are beyond {DEAREST:g}, and no run goes on with those: pay less"
             )
         rewards = rewards / np.float32(spread) + np.float32(numbers.gamma) * everyones("later")
-        seen, values, learner = concatenated(samples.seen), own("values"), own("learner")
+        seen = {form: concatenated([each[form] for each in samples.seen]) for form in samples.seen[0]}
+        values, learner = own("values"), own("learner")
         for number, policy in enumerate(policies):
             if policy.apart:
-                its = np.flatnonzero(learner == number)
+                its, form = np.flatnonzero(learner == number), policy.preset.form
                 for start in range(0, len(its), BATCH):  # a step of few agents costs about as much as a large batch
                     some = its[start : start + BATCH]
-                    values.reshape(-1)[some] = policy.values(seen.select(torch.from_numpy(some))).numpy()
+                    values.reshape(-1)[some] = policy.values(seen[form].select(torch.from_numpy(some))).numpy()
         values, learner = self.crew.gather(values, 1), self.crew.gather(learner, 1)
         found = advantages(rewards, values, ends, everyones("last", 0), numbers.gamma, numbers.gae_lambda)
         more: dict[str, Any] = {name: own(name) for name in ("actions", "log_probs", "alive", "begins", "memory")}

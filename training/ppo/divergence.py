@@ -42,7 +42,8 @@ def strange_observations(lane: Lane) -> Iterator[str]:
     """Yield keys, with fields where known, of observations that no network can take; an agent's own come first."""
     layout, samples, now = lane.packer.layout, lane.samples, lane.env.observe()
     views = [layout.own_views(samples.own), layout.own_views(lane.packer.own(now))]
-    for seen in (*samples.seen, lane.packer(now)):  # `now` gives the values after the last step
+    last = {form: packer(now) for form, packer in lane.packers.items()}  # what gives the values after the last step
+    for seen in (each for step in (*samples.seen, last) for each in step.values()):
         if isinstance(seen, PaddedRows):
             views.append(layout.views(seen.packed.numpy()))
         else:
@@ -55,7 +56,8 @@ def strange_observations(lane: Lane) -> Iterator[str]:
             names = [name for name, (size, _) in layout.fields.get(key, {}).items() for _ in range(int(size))]
             for column in np.flatnonzero(columns):
                 yield f"{key}.{names[column % len(names)]}" if names else key
-    if any(seen.state is not None and not seen.state.isfinite().all() for seen in samples.seen):
+    states = (each.state for step in samples.seen for each in step.values())
+    if any(state is not None and not state.isfinite().all() for state in states):
         yield "the state of the worlds, which critics see"
     if not samples.later.isfinite().all():
         yield "those where an episode was cut off"

@@ -135,7 +135,8 @@ class Learner:
             return {}
         rate = self.numbers.learning_rate * (left if self.numbers.anneal_lr else 1)
         self._copy(self.policy, self.trained)
-        samples = (Chunks if self.policy.memory else Samples)(rollout, self.number, self.device)
+        kind, form = Chunks if self.policy.memory else Samples, self.policy.preset.form
+        samples = kind(rollout, self.number, form, self.device)
         units, wanted = samples.units, max(1, round(len(chosen) / self.numbers.batch_size))
         batches = max(1, min(wanted, len(units) // 2))  # one sample has no spread to normalise by
         found, steps, going = list[Tensor](), 0, True

@@ -10,6 +10,7 @@ from torch import Tensor
 
 from ..base.config import CHUNK
 from ..base.hyperparameters import Hyperparameters
+from ..base.presets import Form
 from ..policies.policy import Networks
 from ..policies.rows import Observed, moved
 from ..policies.torch_settings import INDEX
@@ -104,9 +105,12 @@ class Samples:
 
     LENGTH = 1  # samples of a unit
 
-    def __init__(self, rollout: Rollout, number: int, device: torch.device) -> None:
-        """Choose the samples of a learner. number: The number of the learner. device: Where it is trained."""
-        self.rollout, self.device, self.seen = rollout, device, rollout.seen.to(device)
+    def __init__(self, rollout: Rollout, number: int, form: Form, device: torch.device) -> None:
+        """Choose the samples of a learner.
+
+        number: The number of the learner. form: In which its networks take observations. device: Where it is trained.
+        """
+        self.rollout, self.device, self.seen = rollout, device, rollout.seen[form].to(device)
         here = slice(rollout.first, rollout.first + rollout.actions.shape[1])
         own = {"advantages": rollout.advantages, "actions": rollout.actions, "old_log_probs": rollout.log_probs}
         own |= {"old_values": rollout.values[:, here], "returns": rollout.returns[:, here]}
@@ -154,9 +158,9 @@ class Chunks(Samples):
 
     LENGTH = CHUNK
 
-    def __init__(self, rollout: Rollout, number: int, device: torch.device) -> None:
-        """Choose from `rollout`, of a multiple of CHUNK steps. number, device: Of the learner."""
-        super().__init__(rollout, number, device)
+    def __init__(self, rollout: Rollout, number: int, form: Form, device: torch.device) -> None:
+        """Choose from `rollout`, of a multiple of CHUNK steps. number, form, device: Of the learner."""
+        super().__init__(rollout, number, form, device)
         mine = rollout.learner == number
         self.agents = mine.shape[1]
         self.units = torch.from_numpy(np.flatnonzero(mine.reshape(-1, CHUNK, self.agents).any(1)))

@@ -1,6 +1,7 @@
 """A rollout: what the agents of all worlds observed, did and received in a number of steps."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,6 +9,7 @@ import numpy as np
 import torch
 
 from ..base.errors import TrainingError
+from ..base.presets import Form
 from ..policies.checkpoint import REST
 from ..policies.rows import Observed
 
@@ -20,7 +22,7 @@ class Rollout:
     """Samples (steps, agents, ...) of the agents of this process or, where it says so, of the agents of all processes.
 
     Attributes:
-        seen: What was observed before each step, steps * agents.
+        seen: What was observed before each step, steps * agents, by the form in which networks take it.
         actions: int64 (steps, agents, actions).
         log_probs: float32, log-probabilities of the actions when they were chosen.
         values: float32, the critic's values of what was observed; of all processes.
@@ -33,7 +35,7 @@ class Rollout:
         first: The index of this process's first agent among those of all processes.
     """
 
-    seen: Observed
+    seen: Mapping[Form, Observed]
     actions: Array
     log_probs: Array
     values: Array

@@ -28,9 +28,9 @@ from ..base.config import CODE, IMITATED, TrainingConfig, name_of
 from ..base.errors import TrainingError
 from ..base.metrics import check_statistics, means
 from ..base.observation_layout import field_table, layout_of, scales
-from ..base.presets import preset
+from ..base.presets import Preset, preset
 from ..policies.checkpoint import policies_content
-from ..policies.packer import Packer
+from ..policies.packer import packers_of
 from ..policies.player import Player
 from ..policies.policy import ActorCritic, Networks, check_outputs
 from .collector import Collector
@@ -89,6 +89,7 @@ class Trainer:
             self._set_numbers(done)
         self.layout = layout_of(self.env)
         self.team, names = teams(self.env, config.policies)
+        self.presets = by_name("preset", self.preset.sides or {"": self.preset}, names)
         numbers = by_name("settings", config.numbers_by_policy, names)
         networks = config.networks if isinstance(config.networks, Mapping) else {"": config.networks}
         self.networks = by_name("networks", {"": None, **networks}, names)
@@ -96,7 +97,7 @@ class Trainer:
         self.state = len(self.state_scale)
         with torch.random.fork_rng(devices=[]):
             torch.default_generator.manual_seed(config.seed)  # for initial weights, on the CPU only
-            first = [self._policy(kind) for kind in self.networks]
+            first = [self._policy(*each) for each in zip(self.networks, self.presets, strict=True)]
         shared = self.crew, self.device, config.loss or ppo_loss
         self.learners = [
             Learner(policy, own, torch.Generator().manual_seed(config.seed), number, *shared)
@@ -108,14 +109,14 @@ class Trainer:
         if not self.opponents.alone and self.env.worlds.dims["sides"] < 2:
             raise TrainingError("opponents need a side of their own, and here is one side only: leave them out")
         self.curriculum = config.levels and Curriculum(config.levels, self.env)
-        packer = Packer(self.layout, leaky=self.preset.leaky, egocentric=self.preset.egocentric)
-        options: dict[str, Any] = {"seed": config.seed, "dead": config.dead, "masked": self.preset.masked}
+        packers, masked = packers_of(self.layout, self.presets), [each.masked for each in self.presets]
+        options: dict[str, Any] = {"seed": config.seed, "dead": config.dead, "masked": masked}
         options |= {"state": self.state > 0, "curriculum": self.curriculum}
-        self.lane = Lane(self.env, packer, self.team, self.opponents, **options)
+        self.lane = Lane(self.env, packers, self.team, self.opponents, **options)
         self.collector = Collector(self.lane, config.numbers, self.crew)
         for policy, kind in zip(self.policies, self.networks, strict=True):
             if kind is not None:
-                check_outputs(policy, self.lane.observe())
+                check_outputs(policy, self.lane.observe()[policy.preset.form])
 
     @property
     def policies(self) -> list[Networks]:
@@ -176,6 +177,8 @@ class Trainer:
             "state": self.state,
             "state_scale": self.state_scale.tolist(),
         }
+        if self.preset.sides:
+            last["presets"] = [each.name for each in self.presets]
         if self.config.networks is not None:
             own = self.network_names
             last["networks"] = own if isinstance(self.config.networks, Mapping) else own[0]
@@ -217,11 +220,11 @@ class Trainer:
         player, cure = Player(name), f"imitate it instead: --warm-start {name}:{IMITATED}"
         player.check(self.env, counts=False)
         found, here = (
-            f"of {' and '.join({each or f'preset {chosen.name!r}': 0 for each in networks})} with memory {memory} and "
-            f"state {state}"
-            for networks, chosen, memory, state in (
-                (player.networks, player.preset, player.memory, player.state),
-                (self.network_names, self.preset, self.config.memory, self.state),
+            f"of {' and '.join({one or f'preset {chosen.name!r}': 0 for one, chosen in zip(*each, strict=True)})} with "
+            f"memory {memory} and state {state}"
+            for *each, memory, state in (
+                (player.networks, player.presets, player.memory, player.state),
+                (self.network_names, self.presets, self.config.memory, self.state),
             )
         )
         its_sides, count = self.config.policies == "side", len(self.learners)
@@ -318,14 +321,14 @@ class Trainer:
         env.reset(seed=self.config.seed)
         return env
 
-    def _policy(self, kind: Any) -> Networks:
+    def _policy(self, kind: Any, chosen: Preset) -> Networks:
         kind = kind or ActorCritic
         if not (isinstance(kind, type) and issubclass(kind, Networks)):
             raise TrainingError(f"networks = {kind!r:.200}: {CODE['networks']}")
         return kind(
             [int(size) for size in self.env.action_sizes],
             layout=self.layout,
-            preset=self.preset,
+            preset=chosen,
             scales=scales(self.layout, field_table(self.env.fields)),
             memory=self.config.memory,
             state=self.state,

@@ -21,6 +21,7 @@ from ..base.config import CHUNK
 from ..base.errors import TrainingError
 from ..base.metrics import BehaviourMetrics, EpisodeMetrics, Tallies
 from ..base.noise import ActionNoise
+from ..base.presets import Form
 from ..policies import compiled_networks
 from ..policies.checkpoint import REST
 from ..policies.packer import Packer
@@ -38,7 +39,7 @@ class CollectedSamples:
     """Samples that a lane collects: arrays (steps, agents, ...), those of a Rollout and more.
 
     Attributes:
-        seen: What was observed, step after step.
+        seen: What was observed, step after step, by the form in which networks take it.
         own: float32 (steps, agents, layout.own), numbers that belong to no entity, as observed.
         values: float32, the critic's values of what was observed; 0 where the policy has them apart, see Collector.
         rewards: float32.
@@ -49,7 +50,7 @@ class CollectedSamples:
             sides that the learners beat.
     """
 
-    seen: list[Observed]
+    seen: list[dict[Form, Observed]]
     own: Array
     actions: Array
     log_probs: Tensor
@@ -91,27 +92,29 @@ class Lane:
     def __init__(
         self,
         env: SurvivalVectorEnv,
-        packer: Packer,
+        packers: Mapping[Form, Packer],
         team: Array,
         opponents: OpponentPool,
         *,
         seed: int,
         dead: str,
-        masked: bool = False,
+        masked: Sequence[bool] = (False,),
         state: bool = False,
         curriculum: Curriculum | None = None,
     ) -> None:
         """Make a lane, in worlds that have been reset, in which the present selves play everywhere.
 
-        packer: That of the learners' networks. team: int (agents of a world,). opponents: Who may play.
-        dead: "keep": an agent's samples go on until its episode ends. "drop": they end with its death. masked: See
-        Preset. state: Whether critics learn from it. curriculum: What levels are drawn from; None: worlds draw theirs.
+        packers: Those of the learners' networks. team: int (agents of a world,). opponents: Who may play.
+        dead: "keep": an agent's samples go on until its episode ends. "drop": they end with its death. masked: Of each
+        learner, see Preset. state: Whether critics learn from it. curriculum: What levels are drawn from; None: worlds
+        draw theirs.
         """
         self.curriculum, self.keys = curriculum, np.stack(key_of(env.worlds), 1)
         self.played: list[Ended] = []
         self.overview = GlobalState(env.worlds) if state else None
-        self.env, self.packer, self.team, self.pool, self.dead = env, packer, team, opponents, dead
-        self.masked, self._noop = masked, torch.from_numpy(np.array(env.noop, np.int64))
+        self.env, self.packers, self.team, self.pool, self.dead = env, packers, team, opponents, dead
+        self.packer = next(iter(packers.values()))  # what is the same for all: the layout, and an agent's own numbers
+        self.masked, self._noop = np.array(masked), torch.from_numpy(np.array(env.noop, np.int64))
         self.teacher: Plain | None = None
         self._lists = VisibleRows(env._reader.views)
         self.agents, self._sides = env.num_worlds * env.num_agents, side(env.worlds)
@@ -140,7 +143,7 @@ class Lane:
             **floats,
             **truths,
             learner=np.zeros(shape, np.int16),
-            idle=np.zeros(actions, bool) if self.masked else None,
+            idle=np.zeros(actions, bool) if self.masked.any() else None,
             memory=torch.zeros((chunks, self.agents, memory), **FLOAT),
             last=torch.zeros(self.agents, **FLOAT),
             games=[],
@@ -153,16 +156,18 @@ class Lane:
         t: The number of the step in the rollout. step: The number of the step in the run. policies: The policies of the
         learners. Returns int64 (worlds, agents, actions).
         """
-        env, samples, observations = self.env, self.samples, self.observations
-        seen, uniform = self._seen(observations), self.noise(step)
+        env, samples = self.env, self.samples
+        seen, uniform = self.observe(), self.noise(step)
         numbers = torch.from_numpy(uniform)
         samples.seen.append(seen)
-        samples.own[t] = self.packer.own(observations)
+        samples.own[t] = self.packer.own(env._reader.views)
         samples.alive[t] = alive(env.worlds).ravel()
         samples.begins[t] = self.begins
         samples.learner[t] = self.learner if self.dead == "keep" else np.where(samples.alive[t], self.learner, NOBODY)
         if samples.idle is not None:
             samples.idle[t] = env._actions.idle().reshape(self.agents, -1)
+            if not self.masked.all():
+                samples.idle[t] &= self.masked[self.learner, None]
         if t % CHUNK == 0:
             samples.memory[t // CHUNK] = self.memory[:, : samples.memory.shape[2]]
         for (index, number), group in self.groups.items():
@@ -172,7 +177,10 @@ class Lane:
                 samples.actions[t, where] = one.plain(self._batch(where), uniform[where])
                 continue
             policy = one.policies[number] if index else policies[number]
-            part = self._part(seen, group) if one.packer is None else one.packer(self._batch(group.where))
+            if one.packers is None:
+                part = self._part(seen, group, policy)
+            else:
+                part = one.packers[policy.preset.form](self._batch(group.where))
             if not index and number in self.acting and isinstance(part, Rows):
                 here, idle = (t, group.where), None if samples.idle is None else samples.idle[t, group.where]
                 own = self.acting[number](part, uniform[group.where], idle, self._noop.numpy())
@@ -287,30 +295,28 @@ class Lane:
         seen, values = self.observe(), torch.zeros(self.agents, **FLOAT)
         for (index, number), group in self.groups.items():
             if not index:
-                policy, part = policies[number], self._part(seen, group)
+                policy = policies[number]
+                part = self._part(seen, group, policy)
                 values[group.where] = policy.values(part, *self._remembered(policy, group))
         return values
 
-    def observe(self) -> Observed:
-        """Return what all agents observe now, as networks take it."""
-        return self._seen(self.observations)
-
-    @property
-    def observations(self) -> Mapping[str, Array]:
-        """Return what all agents observe now, with lists of rows unless networks take padded ones."""
-        return self.env._reader.views if self.packer.leaky else self._lists()
-
-    def _seen(self, observations: Mapping[str, Array]) -> Observed:
-        """Return what all agents observe, with the state of their worlds if critics learn from it."""
-        seen = self.packer(observations)
+    def observe(self) -> dict[Form, Observed]:
+        """Return what all agents observe now, as networks take it, with the state if critics learn from it."""
+        seen = {form: packer(self._observations(form)) for form, packer in self.packers.items()}
         if self.overview is not None:
             state = self.overview(slice(None)) / self.overview.scale
-            seen.state = torch.from_numpy(state.repeat(self.env.num_agents, 0))
+            for each in seen.values():
+                each.state = torch.from_numpy(state.repeat(self.env.num_agents, 0))
         return seen
 
-    def _part(self, seen: Observed, group: AgentGroup) -> Observed:
-        """Return what some of the agents observe."""
-        return seen if len(group.members) == self.agents else seen.select(group.members)
+    def _observations(self, form: Form) -> Mapping[str, Array]:
+        """Return what all agents observe now, with lists of rows unless networks take padded ones."""
+        return self.env._reader.views if form.leaky else self._lists()
+
+    def _part(self, seen: Mapping[Form, Observed], group: AgentGroup, policy: Networks) -> Observed:
+        """Return what some of the agents observe, in the form that their networks take."""
+        found = seen[policy.preset.form]
+        return found if len(group.members) == self.agents else found.select(group.members)
 
     def _batch(self, some: Any) -> dict[str, Array]:
         """Return the observations of some agents, padded, (some, ...) by key."""

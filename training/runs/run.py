@@ -374,7 +374,7 @@ class TrainingRun:
     def _numbers(self, settings: Any) -> dict[str, Hyperparameters] | None:
         """Return the preset's hyperparameters with these settings by policy; None if they are no settings."""
         with contextlib.suppress(TrainingError, TypeError, AttributeError):
-            return preset(self.config.preset).numbers.by_policy(settings)
+            return preset(self.config.preset).numbers_by_policy(settings)
         return None
 
 

@@ -9,6 +9,7 @@ from typing import Any, Unpack
 from outlast.envs.core.options import options_of
 from outlast.envs.rollout.lineup import checked_entries, parse_lineup
 from outlast.envs.rollout.saved import newest, text_of
+from outlast.envs.scenarios.derivation import as_filename
 from outlast.envs.scenarios.known_numbers import Numbers
 from outlast.envs.scenarios.parse import checks_keywords, resolve
 from outlast.envs.scenarios.parse import options_of as arguments_of
@@ -91,7 +92,8 @@ def train(
             $RAY_ADDRESS, the one on this machine, or a new one here (default: no cluster). "" is no ADDRESS.
         callbacks: Objects with some of the methods of outlast.training.runs.run.Callbacks, called as the run goes on.
         preset: Networks, numbers of PPO and size of a rollout: fast; original, what the paper's authors ran; paper,
-            what the paper's text says; scaled, which is paper with inputs of about -1 to 1.
+            what the paper's text says; scaled, which is paper with inputs of about -1 to 1; with policies=side, one
+            side can have another one, as in fast,seeker:paper.
         steps: Agent-steps to train for, rounded up to whole rollouts.
         seed: The same seed gives the same numbers.
         worlds: Worlds that are stepped together (default: 0, as in the preset; fast has 512 agents in all, others 64
@@ -162,7 +164,7 @@ def _logged_last(folder: Path) -> dict[str, float]:
 
 def usual_folder(config: TrainingConfig) -> Path:
     """Return the folder of a run for which none is named."""
-    return Path("runs", f"{config.scenario.file_name}-{config.preset}-{config.seed}")
+    return Path("runs", f"{config.scenario.file_name}-{as_filename(config.preset)}-{config.seed}")
 
 
 def shown(run: TrainingRun, *, quiet: bool) -> None:
