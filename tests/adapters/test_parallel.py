@@ -300,15 +300,6 @@ def test_an_agent_acts_in_the_step_in_which_it_comes_back() -> None:
     assert seen
 
 
-@pytest.mark.parametrize("kind", [list, tuple, np.int8, np.uint8, np.int32, np.uint64])
-def test_actions_of_every_integer_type_mean_the_same(kind: Any) -> None:
-    env, reference = short(seed=3), short(seed=3)
-    env.reset()
-    reference.reset()
-    changed = {a: kind(v.tolist()) if kind in (list, tuple) else v.astype(kind) for a, v in act(env, 0).items()}
-    assert same(env.step(changed), reference.step(act(reference, 0)))
-
-
 def one(action: Any) -> Callable[[Env], Any]:
     return lambda env: env.step({"agent_0": IDLE, "agent_2": action})
 

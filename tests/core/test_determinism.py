@@ -13,10 +13,8 @@ import numpy as np
 import pytest
 
 from outlast import VARIANTS, variant
-from outlast.components import Body
 from outlast.ecs import Clock, Event
-from outlast.envs.errors import FaultError
-from tests.conftest import COMPILED, digest, scaled
+from tests.conftest import COMPILED, scaled
 from tests.digests import behaviour_digests, numbered_actions
 from tests.helpers.execution_modes import FEW, SHORT, ExecutionMode, first_difference, lockstep, short
 
@@ -69,24 +67,6 @@ def test_every_mode_sees_episodes_end() -> None:
                 assert mode.digest() != before, component
                 column.view(np.uint8)[0].flat[-1] ^= 1
     assert mode.digest() == before
-
-
-@pytest.mark.parametrize("autoreset", ["NextStep", "SameStep"])
-def test_a_fault_loses_no_end(autoreset: str) -> None:
-    """World 0 ends in the very tick in which NaN is found in world 1; it goes on to its next episode all the same."""
-    scenario = variant("ffa_1").replace(ending_limit=3)
-    harmed, control = (ExecutionMode(scenario, range(2), autoreset_mode=autoreset) for _ in range(2))
-    idle = np.ones((2, 2, 6), int)
-    for tick in range(5):
-        control.step(idle)
-        if tick == 2:
-            harmed.env.worlds[Body].vx[1, 0] = np.nan
-            with pytest.raises(FaultError):
-                harmed.step(idle)
-            harmed.env.reset(options={"reset_mask": np.array([False, True])})
-        else:
-            harmed.step(idle)
-        assert digest(harmed.env.worlds, [0]) == digest(control.env.worlds, [0])
 
 
 @functools.cache

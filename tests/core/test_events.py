@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from outlast import make_vec, systems, variant
-from outlast.components import Bag, Body, Box, BoxItem, Died, End, Heal, Health, Item, Score, Side, Weapon
+from outlast.components import Bag, Box, BoxItem, Died, End, Heal, Health, Item, Score, Side, Weapon
 from outlast.ecs import Clock, Entity
 from outlast.envs.snapshots.state import State
 from outlast.errors import StateError
@@ -139,38 +139,6 @@ def test_who_gets_the_credit() -> None:
     events = game.env.events()
     assert events["hit"][["agent", "target", "amount", "side"]].tolist() == [(0, 2, 5, 0), (1, 2, 5, 0)]
     assert events["death"][["agent", "by", "side"]].tolist() == [(2, 1, 0)]
-
-
-def test_a_death_in_the_zone_is_nobodys() -> None:
-    game = duel(ScenarioBuilder("teams_3"))
-    game.put("agent", 1, 12.2, 12.2)
-    game.wound(1, 1)
-    game.step()
-    hit = game.env.events()["hit"]
-    zone = game.env.worlds.layout.labels["damage_type"].index("zone")
-    assert hit[["agent", "target", "amount", "damage_type", "side"]].tolist() == [(-1, 1, 1, zone, -1)]
-    game.step()
-    assert game.env.events()["death"][["agent", "by", "damage_type", "side"]].tolist() == [(1, -1, zone, -1)]
-
-
-def test_an_item_on_its_way() -> None:
-    """From a bag to a bag, onto the ground where its holder dies, and into a bag again."""
-    game = ScenarioBuilder("teams_3")
-    for i, (x, y) in enumerate(((0, 0), (1.5, 0), (0, 9), (1.2, 9))):
-        game.put("agent", i, x, y)
-    heal = game.row("heal", 3)
-    game.hand(0, "heal", 3)
-    game.step({0: "give"})
-    assert game.env.events()["item_given"][["giver", "taker", "item"]].tolist() == [(0, 1, heal)]
-    game.wound(1, 0)
-    game.step()
-    events = game.env.events()
-    assert events["item_dropped"][["agent", "item"]].tolist() == [(1, heal)]
-    game.put("agent", 0, float(game.column(Body).x[0, heal]), float(game.column(Body).y[0, heal]))
-    game.step()
-    assert game.env.events()["item_picked"][["agent", "item"]].tolist() == [(0, heal)]
-    game.step({0: "use"})
-    assert game.env.events()["item_used"][["agent", "item"]].tolist() == [(0, heal)]
 
 
 def short(mode: str, worlds: int = 3) -> Any:

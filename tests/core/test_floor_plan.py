@@ -147,15 +147,10 @@ def test_plans_that_cannot_be_are_refused(make: Any, words: str) -> None:
 
 GOOD = {"format": "outlast floor plan", "version": 1, "width": 0, "height": 0, "walls": [[0, 0, 1, 1]], "starts": []}
 FILES: dict[str, tuple[str | bytes, str]] = {
-    "another version": (json.dumps(GOOD | {"version": 2}), "version 2 .* reads version 1"),
-    "another format": (json.dumps(GOOD | {"format": "x"}), 'lacks "format"'),
     "another key": (json.dumps(GOOD | {"doors": []}), "it has 'doors'"),
-    "a missing key": (json.dumps({k: v for k, v in GOOD.items() if k != "starts"}), "it lacks 'starts'"),
     "twice": ('{"format": "outlast floor plan", "format": "outlast floor plan"}', "it has 'format' twice"),
     "NaN": (json.dumps(GOOD | {"walls": [[math.nan, 0, 1, 1]]}), r"walls\[0\] has nan: a number"),
     "a large number": (json.dumps(GOOD | {"walls": [[1e300, 0, 1, 1]]}), "at most 10000"),
-    "an object": (json.dumps(GOOD | {"walls": {"a": 1}}), "a list of rectangles"),
-    "nested": ("{" + '"a":[' * 5000, "is no floor plan"),
     "cut off": (json.dumps(GOOD)[:-5], "is no floor plan"),
     "large": (b"#" * (2**20 + 1), "more than 1,048,576 bytes"),
     "a long line": ("#" * 2000, "1 to 1000 either way"),

@@ -155,8 +155,6 @@ def test_levels_of_worlds_are_levels_for_worlds(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("spoil", "error", "reason"),
     [
-        (lambda content: content.pop("levels"), ScenarioError, "is no file of levels"),
-        (lambda content: content.update(levels={}), ScenarioError, "its levels are no list"),
         (lambda content: content.update(level=[]), ScenarioError, "it has 'level'"),
         (lambda content: content["levels"][0].update(seed=3), ScenarioError, "it has 'seed'"),
         (lambda content: content["levels"][0].update(numbers=[3]), ScenarioError, "is no file of levels"),

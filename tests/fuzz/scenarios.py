@@ -20,17 +20,16 @@ a person can judge whether each says what to do.
 
 import argparse
 import dataclasses
+import faulthandler
 import gc
 import importlib.util
 import json
 import math
 import os
-import queue
 import re
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 import traceback
 from collections import Counter
@@ -255,11 +254,13 @@ def run_scenario(seed: int, k: int, ticks: int, folder: Path) -> dict[str, Any]:
 
 
 def child(seed: int, first: int, count: int, ticks: int) -> None:
-    """Print a line of JSON for each scenario."""
+    """Print a line of JSON for each scenario; where one takes TIMEOUT, say on which line, and exit."""
     with tempfile.TemporaryDirectory() as folder:
         for k in range(first, count):
             start = time.monotonic()
+            faulthandler.dump_traceback_later(TIMEOUT, exit=True)
             result = run_scenario(seed, k, ticks, Path(folder))
+            faulthandler.cancel_dump_traceback_later()
             sys.modules.pop(f"generated_{k}", None)
             gc.collect()  # its mechanics, which errors of later scenarios would name
             print(json.dumps({"k": k, **result, "seconds": time.monotonic() - start}), flush=True)
@@ -268,56 +269,30 @@ def child(seed: int, first: int, count: int, ticks: int) -> None:
 # ---- the parent process
 
 
-class Child:
-    """A child process, which is started again after a crash."""
-
-    def __init__(self, options: argparse.Namespace, compiled: bool) -> None:
-        self.options, self.compiled = options, compiled
-        self.process: subprocess.Popen[str] | None = None
-
-    def result(self, k: int) -> dict[str, Any]:
-        """Of scenario k, which is the next one."""
-        if self.process is None:
-            self._start(k)
-        try:
-            line = self.lines.get(timeout=TIMEOUT)
-        except queue.Empty:
-            line = "hangs"
-        if line and line != "hangs":
-            return dict(json.loads(line))
-        assert self.process
-        self.process.kill()
-        status, self.process = self.process.wait(), None
-        return {"digests": [], "error": line or f"crashes with status {status}\n{self.errors.read_text()[-3000:]}"}
-
-    def close(self) -> None:
-        """End the process."""
-        if self.process:
-            self.process.kill()
-            self.process.wait()
-            self.reader.join()
-
-    def _start(self, first: int) -> None:
-        o = self.options
-        command = [sys.executable, "-X", "faulthandler", "-m", "tests.fuzz.scenarios", "--child", "--first", str(first)]
-        command += ["--count", str(o.count), "--seed", str(o.seed), "--ticks", str(o.ticks)]
-        variables = {key: value for key, value in os.environ.items() if key != "NUMBA_DISABLE_JIT"}
-        variables |= {} if self.compiled else {"NUMBA_DISABLE_JIT": "1"}
-        self.errors = Path(tempfile.mkstemp(suffix=".txt")[1])
-        with self.errors.open("w") as errors:
-            self.process = subprocess.Popen(
-                command, env=variables, cwd=ROOT, text=True, stdout=subprocess.PIPE, stderr=errors
-            )
-        self.lines: queue.Queue[str] = queue.Queue()
-        self.reader = threading.Thread(target=_read, args=(self.process.stdout, self.lines), daemon=True)
-        self.reader.start()
-
-
-def _read(stream: Any, lines: "queue.Queue[str]") -> None:
-    with stream:
-        for line in stream:
-            lines.put(line)
-    lines.put("")
+def results(options: argparse.Namespace, compiled: bool) -> Iterator[dict[str, Any]]:
+    """Of each scenario, from a child process that is started again behind one in which it crashed or hung."""
+    variables = {key: value for key, value in os.environ.items() if key != "NUMBA_DISABLE_JIT"}
+    variables |= {} if compiled else {"NUMBA_DISABLE_JIT": "1"}
+    command = [sys.executable, "-X", "faulthandler", "-m", "tests.fuzz.scenarios", "--child"]
+    command += ["--count", str(options.count), "--seed", str(options.seed), "--ticks", str(options.ticks)]
+    k = options.first
+    while k < options.count:
+        with tempfile.TemporaryFile("w+") as errors:
+            with subprocess.Popen(
+                [*command, "--first", str(k)], env=variables, cwd=ROOT, text=True, stdout=subprocess.PIPE, stderr=errors
+            ) as process:
+                assert process.stdout
+                try:
+                    for line in process.stdout:
+                        k += 1
+                        yield json.loads(line)
+                except GeneratorExit:
+                    process.kill()
+                    raise
+            if k < options.count:
+                k += 1
+                errors.seek(0)
+                yield {"digests": [], "error": f"ends with status {process.returncode}\n{errors.read()[-3000:]}"}
 
 
 def compared(one: dict[str, Any], other: dict[str, Any]) -> str:
@@ -336,23 +311,18 @@ def compared(one: dict[str, Any], other: dict[str, Any]) -> str:
 
 def fuzz(options: argparse.Namespace) -> int:
     """Run all scenarios in two child processes, and report; returns the number of findings."""
-    children, refused, findings = [Child(options, True), Child(options, False)], Counter[str](), 0
-    seconds = [0.0, 0.0]
-    try:
-        for k in range(options.first, options.count):
-            results = [each.result(k) for each in children]
-            seconds = [total + result.get("seconds", 0) for total, result in zip(seconds, results, strict=True)]
-            if finding := compared(*results):
-                findings += 1
-                print(f"scenario {k}: {finding}")
-                _keep(options, k, finding)
-            elif "refused" in results[0]:
-                refused["".join("#" if c.isdigit() else c for c in results[0]["refused"])] += 1
-            if (k + 1) % 50 == 0:
-                print(f"up to {k}: {findings} findings, {sum(refused.values())} refused", file=sys.stderr, flush=True)
-    finally:
-        for each in children:
-            each.close()
+    refused, findings, seconds = Counter[str](), 0, [0.0, 0.0]
+    both = zip(results(options, compiled=True), results(options, compiled=False), strict=True)
+    for k, pair in enumerate(both, options.first):
+        seconds = [total + result.get("seconds", 0) for total, result in zip(seconds, pair, strict=True)]
+        if finding := compared(*pair):
+            findings += 1
+            print(f"scenario {k}: {finding}")
+            _keep(options, k, finding)
+        elif "refused" in pair[0]:
+            refused["".join("#" if c.isdigit() else c for c in pair[0]["refused"])] += 1
+        if (k + 1) % 50 == 0:
+            print(f"up to {k}: {findings} findings, {sum(refused.values())} refused", file=sys.stderr, flush=True)
     for message, times in sorted(refused.items()):
         print(f"{times:5} x {message}")
     count = options.count - options.first

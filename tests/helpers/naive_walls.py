@@ -53,24 +53,6 @@ def signed_distance(block: Block, x: Any, y: Any) -> Any:
     return np.where((beside > 0) & (above > 0), np.hypot(beside, above), np.maximum(beside, above))
 
 
-def rim(block: Block, step: float = 0.02) -> Array:
-    """Points all around a body and its middle, complex."""
-    if block.radius:
-        points = block.radius * np.exp(1j * np.arange(0, 2 * math.pi, step / block.radius))
-    else:
-        a, b = block.half_width, block.half_height
-        along = np.linspace(-1, 1, max(2, math.ceil(2 * max(a, b) / step)))
-        points = np.concatenate([a * along + 1j * b, a * along - 1j * b, a + 1j * b * along, -a + 1j * b * along])
-    return np.append(points, 0) * complex(math.cos(block.angle), math.sin(block.angle)) + complex(block.x, block.y)
-
-
-def overlap(one: Block, two: Block) -> bool:
-    """Whether two bodies overlap: a point on the rim of one, or its middle, is in the other."""
-    return any(
-        bool((signed_distance(a, (points := rim(b)).real, points.imag) < 0).any()) for a, b in ((one, two), (two, one))
-    )
-
-
 def free_parts(worlds: Worlds, w: int, radius: float, step: float = 0.05) -> list[int]:
     """How many points of a lattice are in each connected part of the floor that a disc can roam, the largest first."""
     sides = worlds[Floor].size[w]
@@ -99,25 +81,3 @@ def _swept(part: Array, free: Array) -> Array:
     chosen[line[part]] = True
     swept: Array = chosen[line] & free
     return swept
-
-
-def depth_in_walls(worlds: Worlds) -> tuple[Array, Array]:
-    """How deep the centres of moving bodies, and their rims, are in walls: metres (worlds,), the deepest of each world.
-
-    The walls of the room do not count. The rim of a rectangle is taken to be the circle inside of it.
-    """
-    body, shape, alive, solid = worlds[Body], worlds[Shape], worlds[Entity].alive, worlds[Solid]
-    moving = [e for e in worlds.layout.rows(Solid) if solid.dynamic[0, e]]
-    centre, edge = np.full(worlds.count, -np.inf), np.full(worlds.count, -np.inf)
-    for o in worlds.layout.rows(Wall):
-        turn = np.exp(-1j * body.angle[:, o].astype(float))
-        for e in moving:
-            local = (body.x[:, e] - body.x[:, o] + 1j * (body.y[:, e] - body.y[:, o])) * turn
-            beside = abs(local.real) - shape.half_width[:, o]
-            above = abs(local.imag) - shape.half_height[:, o]
-            gap = np.where((beside > 0) & (above > 0), np.hypot(beside, above), np.maximum(beside, above))
-            there = (alive[:, o] & alive[:, e]) != 0
-            own = np.maximum(shape.radius[:, e], np.minimum(shape.half_width[:, e], shape.half_height[:, e]))
-            centre = np.maximum(centre, np.where(there, -gap, -np.inf))
-            edge = np.maximum(edge, np.where(there, own - gap, -np.inf))
-    return centre, edge

@@ -251,51 +251,6 @@ def carry(env: SurvivalVectorEnv, agent: int, row: int) -> None:
     assert push(bag, item, agent, row)
 
 
-def test_the_way_is_that_of_the_body_whoever_moves_it() -> None:
-    env = placed((-4, 0), (-4, 15), (4, 15), (4, -15))
-    xs = [-4.0]
-    for tick in range(1, 41):
-        found = step(env, AHEAD)
-        xs.append(float(env.worlds[Body].x[0, 0]))
-        assert found["ticks_alive"] == [tick] * 4
-    assert xs[-1] > 2
-    assert found["distance_travelled"] == pytest.approx([xs[-1] + 4, 0, 0, 0])
-    env.worlds[Body].x[0, 0] = 16  # teleported by hand
-    assert step(env, IDLE)["distance_travelled"][0] == pytest.approx(20, abs=0.5)
-    env.close()
-
-
-def test_who_dies_is_counted_until_then() -> None:
-    env = placed((0, 0), (0, 5), (5, 0), (5, 5))
-    step(env, IDLE)
-    env.worlds[Health].points[0, 1] = 0
-    for tick in (2, 3):
-        found = step(env, IDLE)
-        assert found["ticks_alive"] == [tick, 1, tick, tick]
-    assert found["mate_distance"] == [5, 5, 5, 5]
-    assert found["enemy_distance"] == [5, 5, 5, pytest.approx((5 + 2 * math.sqrt(50)) / 3)]
-    env.close()
-
-
-def test_strikes_land_on_enemies_only() -> None:
-    env = placed((0, 0), (1.5, 0), (10, 0), (11.5, 0), scenario=FAR.replace(melee_damage=1))
-    env.worlds[Side].side[0, :4] = 0, 0, 1, 0
-    for _ in range(3):
-        found = step(env, STRIKE, IDLE, STRIKE, IDLE)
-    assert found["strikes"] == [3, 0, 3, 0]
-    assert found["strikes_landed"] == [0, 0, 1, 0]
-    env.close()
-
-
-def test_damage_is_what_enemies_lost() -> None:
-    env = placed((0, 0), (10, 0), (11.5, 0), (11.5, 9), scenario=FAR.replace(melee_damage=4))
-    for _ in range(3):
-        found = step(env, IDLE, STRIKE)
-    assert found["damage_dealt"] == [0, 12, 0, 0]
-    assert env.worlds[Health].points[0, 2] == 100 - 12
-    env.close()
-
-
 @pytest.mark.parametrize(("points", "needed"), [(69, 1), (70, 0), (100, 0)])
 def test_a_heal_is_needed_by_who_has_few_hit_points(points: int, needed: int) -> None:
     env = placed((0, 0), (0, 5), (5, 0), (5, 5), agents_health=100)
@@ -305,14 +260,6 @@ def test_a_heal_is_needed_by_who_has_few_hit_points(points: int, needed: int) ->
     assert step(env, USE)["heals_in_need"] == [needed, 0, 0, 0]
     assert env.worlds[Health].points[0, 0] > points
     assert step(env, USE)["heals_in_need"] == [needed, 0, 0, 0]
-    env.close()
-
-
-def test_heals_are_given_and_boxes_are_no_heals() -> None:
-    env = placed((0, 0), (0, 1.5), (9, 0), (9, 9))
-    carry(env, 0, env.worlds.span("heal").start)
-    carry(env, 2, env.worlds.span("box_item").start)
-    assert step(env, GIVE, IDLE, GIVE)["heals_given"] == [1, 0, 0, 0]
     env.close()
 
 
