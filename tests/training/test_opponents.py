@@ -21,7 +21,7 @@ from outlast.training.base.errors import TrainingError
 from outlast.training.policies.checkpoint import write_checkpoint
 from outlast.training.ppo.trainer import Trainer
 from outlast.training.ppo.world_slice import NOBODY
-from outlast.training.runs.resume import capture, restore
+from outlast.training.runs.resume import capture
 from tests.helpers.execution_modes import short
 
 WORLDS, STEPS = 12, 60
@@ -290,24 +290,6 @@ def test_who_learns_from_what_is_revealed_does_so_beside_a_policy_that_does_not(
     given = json.loads(json.dumps(role).replace("{}", path))
     learner = Trainer(TrainingConfig(SHORT, "original", worlds=1, rollout=16, **given))
     assert learner.env.scenario.numbers()["cameras_mode"] == "revealed"
-
-
-def test_a_run_does_not_go_on_against_another_policy_of_a_file(tmp_path: Path) -> None:
-    """A file may have been replaced since; one that was saved again with the same weights is the same policy."""
-    path = tmp_path / "rival.zip"
-    first, second = (make(seed=seed) for seed in (1, 2))
-    versions = [each.policy_files(each.config.header()) for each in (first, second)]
-    write_checkpoint(path, versions[0])
-    opponents = {"self": 1.0, str(path): 1.0}
-    trainer = make(opponents=opponents)
-    kept = capture(trainer, trainer.config.header())
-    path.unlink()
-    write_checkpoint(path, versions[0])
-    restore(make(opponents=opponents), kept)
-    path.unlink()
-    write_checkpoint(path, versions[1])
-    with pytest.raises(TrainingError, match=r"rival\.zip is another policy .* as it was begun with self:1,.*rival"):
-        restore(make(opponents=opponents), kept)
 
 
 def test_worlds_are_played_the_same_in_any_batch_and_agents_without_teams_are_sides() -> None:

@@ -6,7 +6,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -439,20 +438,6 @@ def test_a_checkpoint_of_a_game_with_another_mechanic_is_refused(tmp_path: Path)
     resume(tmp_path, 2, scenario=SHORT.with_(marked(1))).train()
     with pytest.raises(StateError, match=r"another scenario .*: the code of the mechanic marked .*Marked\) is another"):
         resume(tmp_path, 3, scenario=SHORT.with_(marked(2)))
-
-
-def test_a_checkpoint_that_is_none_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / CHECKPOINT.format(1)
-    for content in (b"", b"PK\x05\x06" + bytes(18), b"no archive"):
-        path.write_bytes(content)
-        with pytest.raises(TrainingError, match=r"is not a checkpoint: .*; .* another library has saved plays as"):
-            checkpoint.read_checkpoint(path)
-    with zipfile.ZipFile(path, "w") as archive:
-        for name in ("policy.safetensors", "rest.safetensors", "worlds.npz"):
-            archive.writestr(name, b"")
-        archive.writestr("run.json", '{"version": 99}')
-    with pytest.raises(TrainingError, match="has version 99: 1 is needed"):
-        checkpoint.read_checkpoint(path)
 
 
 def test_a_plan_that_could_not_be_read_is_not_begun(tmp_path: Path, monkeypatch) -> None:
