@@ -5,6 +5,7 @@ from typing import Any, Unpack
 from gymnasium.vector import AutoresetMode
 
 from ..core.agents import present
+from ..core.options import world_options
 from ..core.spaces import statistics
 from ..core.validation import Array
 from ..scenarios.known_numbers import Numbers
@@ -101,17 +102,5 @@ def make_agents(
     Raises:
         ScenarioError, NumberError, ValueError: As for `outlast.make_vec`.
     """
-    return SurvivalAgentVectorEnv(
-        requested(make_agents, scenario, numbers, max_episode_steps),
-        num_worlds,
-        seed=seed,
-        threads=threads,
-        autoreset_mode=autoreset_mode,
-        copy=copy,
-        check_actions=check_actions,
-        render_mode=render_mode,
-        actions=actions,
-        observations=observations,
-        scaled=scaled,
-        action_masks=action_masks,
-    )
+    asked = requested(make_agents, scenario, numbers, max_episode_steps)
+    return SurvivalAgentVectorEnv(asked, num_worlds, **world_options(locals()))

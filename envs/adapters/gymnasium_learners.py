@@ -9,6 +9,7 @@ from outlast.ecs import Clock
 from outlast.ecs.kernels.integers import is_whole
 
 from ..core.agents import alive, fewest_agents
+from ..core.options import world_options
 from ..core.spaces import statistics
 from ..core.validation import Array, check_choice, check_count
 from ..errors import ActionError
@@ -89,19 +90,8 @@ class SurvivalLearnerVectorEnv(PerAgentVectorEnv):
         if max_episode_steps is not None:
             check_count("max_episode_steps", max_episode_steps, 1)
         self.learner, self.dead, self.max_episode_steps = learner, dead, max_episode_steps
-        super().__init__(
-            requested(type(self).__init__, scenario, numbers),
-            num_envs,
-            threads=threads,
-            autoreset_mode=autoreset_mode,
-            copy=copy,
-            check_joint=True,
-            render_mode=render_mode,
-            actions=actions,
-            observations=observations,
-            scaled=scaled,
-            action_masks=action_masks,
-        )
+        asked = requested(type(self).__init__, scenario, numbers)
+        super().__init__(asked, num_envs, check_joint=True, **world_options(locals()))
         check_dead(dead, self.base_env.worlds)
         self.base_env.stop_when(self._stops)
         self._others = Lineup(entries, self.base_env, self.learner)

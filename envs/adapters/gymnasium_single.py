@@ -9,6 +9,7 @@ import numpy as np
 
 from ..core.numbers import copy_changed
 from ..core.observations import each
+from ..core.options import world_options
 from ..core.validation import Array, check_choice, keys
 from ..errors import NotResetError
 from ..rendering.modes import FPS, RENDER_MODES
@@ -95,12 +96,11 @@ class SurvivalEnv(Pictured, gymnasium.Env[Observation, Array]):
         check_choice("render_mode", render_mode, (None, *RENDER_MODES, "human"))
         scenario = requested(type(self).__init__, scenario, numbers)
         options: dict[str, Any] = {"learner": learner, "others": others, "dead": dead}
-        options |= {"max_episode_steps": max_episode_steps, "actions": actions, "observations": observations}
-        options |= {"scaled": scaled, "action_masks": action_masks}
-        self._recipe = partial(type(self), scenario, **options, render_mode=render_mode)
+        options |= {"max_episode_steps": max_episode_steps, **world_options(locals())}
+        self._recipe = partial(type(self), scenario, **options)
         self._window = Window(FPS) if render_mode == "human" else None
-        drawn = "rgb_array" if render_mode == "human" else render_mode
-        self._batch = SurvivalLearnerVectorEnv(1, scenario, autoreset_mode="Disabled", **options, render_mode=drawn)
+        options["render_mode"] = "rgb_array" if render_mode == "human" else render_mode
+        self._batch = SurvivalLearnerVectorEnv(1, scenario, autoreset_mode="Disabled", **options)
         self.base_env = self._batch.base_env
         self.metadata = {**type(self).metadata, "name": self.base_env.scenario.name}
         self.render_mode = render_mode

@@ -15,6 +15,7 @@ from ..core.agents import alive, counted, present
 from ..core.concurrency import check_callable
 from ..core.numbers import copy_changed
 from ..core.observations import each
+from ..core.options import world_options
 from ..core.spaces import statistics
 from ..core.validation import Array, check_choice, check_count
 from ..core.vector_env import SurvivalVectorEnv
@@ -102,9 +103,7 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
         check_choice("render_mode", render_mode, (None, *RENDER_MODES))
         if not isinstance(action_masks, (bool, np.bool_)):
             check_choice("action_masks", action_masks, ("observation",), ", True and False")
-        form: dict[str, Any] = {"actions": actions, "observations": observations, "scaled": scaled}
-        form |= {"action_masks": action_masks, "render_mode": render_mode, "seed": seed, "dead": dead}
-        self._recipe = partial(type(self), scenario, **form)
+        self._recipe = partial(type(self), scenario, dead=dead, **world_options(locals()))
         self._window = Window(modes.FPS) if render_mode == "human" else None
         self.render_mode, self.dead = render_mode, dead
         self.base_env = SurvivalVectorEnv(
@@ -370,17 +369,8 @@ def parallel_env(
         if max_episode_steps is not None:
             raise ValueError("max_cycles and max_episode_steps are the same number: give one of them")
         max_episode_steps = max_cycles
-    scenario = requested(parallel_env, scenario, numbers, max_episode_steps)
-    return SurvivalParallelEnv(
-        scenario,
-        render_mode=render_mode,
-        seed=seed,
-        dead=dead,
-        actions=actions,
-        observations=observations,
-        scaled=scaled,
-        action_masks=action_masks,
-    )
+    asked = requested(parallel_env, scenario, numbers, max_episode_steps)
+    return SurvivalParallelEnv(asked, dead=dead, **world_options(locals()))
 
 
 def aec_env(scenario: str | Scenario = "ffa_3", **options: Any) -> Any:

@@ -69,18 +69,9 @@ def make_puffer(
     """
     check_choice("render_mode", render_mode, (None, *RENDER_MODES))
     check_flags(check_actions=check_actions)
-    scenario = requested(make_puffer, scenario, numbers, max_episode_steps)
-    base_env = SurvivalVectorEnv(
-        scenario,
-        num_worlds,
-        seed=seed,
-        threads=threads,
-        autoreset_mode="SameStep",
-        copy=False,
-        check_actions=False,
-        observations="flat",
-        scaled=scaled,
-    )
+    asked = requested(make_puffer, scenario, numbers, max_episode_steps)
+    more: dict[str, Any] = {"seed": seed, "threads": threads, "scaled": scaled, "observations": "flat"}
+    base_env = SurvivalVectorEnv(asked, num_worlds, autoreset_mode="SameStep", copy=False, check_actions=False, **more)
     return SurvivalPufferEnv(base_env, actions=actions, check_actions=check_actions, render_mode=render_mode, buf=buf)
 
 

@@ -6,6 +6,7 @@ from typing import Any, Unpack
 import numpy as np
 
 from ..core.env_properties import Arrays
+from ..core.options import world_options
 from ..core.validation import Array, as_array, check_count, keys
 from ..errors import PendingError, install
 from ..rendering.notebook import Pictured
@@ -69,17 +70,8 @@ def make_sb3(
     check_count("render_worlds", render_worlds, 1)
     if render_mode not in (None, "rgb_array"):
         raise ValueError(f"render_mode = {render_mode!r}: None or 'rgb_array' is needed")
-    agents = SurvivalAgentVectorEnv(
-        requested(make_sb3, scenario, numbers, max_episode_steps),
-        num_worlds,
-        threads=threads,
-        autoreset_mode="SameStep",
-        check_actions=check_actions,
-        render_mode=render_mode,
-        actions=actions,
-        observations=observations,
-        scaled=scaled,
-    )
+    asked = requested(make_sb3, scenario, numbers, max_episode_steps)
+    agents = SurvivalAgentVectorEnv(asked, num_worlds, autoreset_mode="SameStep", **world_options(locals()))
     return SurvivalVecEnv(agents, seed=seed, render_worlds=render_worlds)
 
 

@@ -13,6 +13,7 @@ from outlast.ecs import AgentRoles, Clock
 from ..core.agents import counts_vary, side
 from ..core.concurrency import exclusive
 from ..core.observations import each
+from ..core.options import world_options
 from ..core.step_buffers import StepBuffers
 from ..core.validation import Array, check_choice, keys
 from ..core.vector_env import SurvivalVectorEnv
@@ -81,17 +82,8 @@ def make_torchrl(
         ScenarioError, NumberError: As for `outlast.make_vec`.
         ValueError: An option is out of its range, or groups are not the same in all episodes.
     """
-    base_env = SurvivalVectorEnv(
-        requested(make_torchrl, scenario, numbers, max_episode_steps),
-        num_worlds,
-        seed=seed,
-        threads=threads,
-        autoreset_mode="Disabled",
-        copy=False,
-        actions=actions,
-        observations=observations,
-        scaled=scaled,
-    )
+    asked = requested(make_torchrl, scenario, numbers, max_episode_steps)
+    base_env = SurvivalVectorEnv(asked, num_worlds, autoreset_mode="Disabled", copy=False, **world_options(locals()))
     return SurvivalTorchEnv(base_env, groups, device)
 
 

@@ -5,6 +5,7 @@ from typing import Unpack
 
 from gymnasium.vector import AutoresetMode
 
+from ..core.options import world_options
 from ..core.vector_env import SurvivalVectorEnv
 from ..scenarios.known_numbers import Numbers
 from ..scenarios.parse import checks_keywords, options_of, resolve
@@ -67,20 +68,5 @@ def make_vec(
         ScheduleError: The order of the scenario's systems is ambiguous, or `interpret` names a system it does not have.
         ValueError: An option is out of its range.
     """
-    return SurvivalVectorEnv(
-        resolve(scenario, numbers, options_of(make_vec)),
-        num_worlds,
-        seed=seed,
-        threads=threads,
-        autoreset_mode=autoreset_mode,
-        copy=copy,
-        check_actions=check_actions,
-        first_world=first_world,
-        render_mode=render_mode,
-        actions=actions,
-        observations=observations,
-        scaled=scaled,
-        action_masks=action_masks,
-        specialize=specialize,
-        interpret=interpret,
-    )
+    asked = resolve(scenario, numbers, options_of(make_vec))
+    return SurvivalVectorEnv(asked, num_worlds, **world_options(locals()))

@@ -192,3 +192,11 @@ class WorldOptions:
     interpret: Collection[str] = option(
         (), "", 'labels of systems ("melee.aim") to run as Python, for breakpoints and print; slow'
     )
+
+
+def world_options(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options of an environment by name, out of the local variables of a factory.
+
+    max_episode_steps is not among them: it is a number of the scenario.
+    """
+    return {name: given[name] for name in options_of(WorldOptions) if name in given and name != "max_episode_steps"}
