@@ -13,19 +13,18 @@ from ..core.options import world_options
 from ..core.validation import Array, check_choice, keys
 from ..errors import NotResetError
 from ..rendering.modes import FPS, RENDER_MODES
-from ..rendering.notebook import Pictured
 from ..rendering.window import Window
 from ..rollout.lineup import Others, copied_others
 from ..scenarios.known_numbers import Numbers
 from ..scenarios.scenario import Scenario
 from ..snapshots.state import State
 from .gymnasium_learners import SurvivalLearnerVectorEnv
-from .per_agent import requested
+from .per_agent import OneWorldAdapter, requested
 
 Observation = dict[str, Array]
 
 
-class SurvivalEnv(Pictured, gymnasium.Env[Observation, Array]):
+class SurvivalEnv(OneWorldAdapter, gymnasium.Env[Observation, Array]):
     """One world in which one agent learns; made by `gymnasium.make`.
 
     >>> env = gymnasium.make("outlast/Teams3-v1", others="scripted", melee_damage=20)
@@ -161,38 +160,14 @@ class SurvivalEnv(Pictured, gymnasium.Env[Observation, Array]):
         self._window.show(frames[0])
         return None
 
-    @property
-    def state_space(self) -> Any:
-        """The space of `state`: Box, float32 (size,)."""
-        return self.base_env.state_space
-
-    def state(self) -> Array:
-        """Return the whole world, even what no agent sees, float32 (size,); see SurvivalVectorEnv.state."""
-        state: Array = self._batch.state()[0]
-        return state
-
     def action_masks(self) -> Array:
         """Return which actions can do something, bool (entries,); see SurvivalVectorEnv.action_masks."""
         mask: Array = self._batch.action_masks()[0]
         return mask
 
-    def get_state(self) -> State:
-        """Return the world's state as plain arrays, to go on from later; see SurvivalVectorEnv.get_state."""
-        return self._batch.get_state()
-
     def set_state(self, state: State) -> Observation:
         """Go on from `state`. Returns the learner's observation. Raises StateError if it is of another scenario."""
         return _first(self._batch.set_state(state))
-
-    def close(self) -> None:
-        """Close the window and the world. Closing again does no harm."""
-        if self._window is not None:
-            self._window.close()
-        self._batch.close()
-
-    def _show(self) -> None:
-        if self._window is not None:
-            self.render()
 
     def __deepcopy__(self, memo: Any) -> "SurvivalEnv":
         """Return an environment that goes on from where this one is, with `others` of its own."""

@@ -1,4 +1,4 @@
-"""The base of adapters in which each agent, rather than each world, is a sub-environment."""
+"""The bases of adapters: of all, of those of one world, and of those in which each agent is a sub-environment."""
 
 from collections.abc import Callable, Mapping
 from functools import cached_property
@@ -20,6 +20,7 @@ from ..core.validation import autoreset_mode as checked_mode
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import FaultError, NotResetError
 from ..rendering.notebook import Pictured
+from ..rendering.window import Window
 from ..scenarios.parse import options_of, resolve
 from ..scenarios.scenario import Scenario
 from ..snapshots.state import State
@@ -53,7 +54,53 @@ def requested(
     return resolve(scenario, given, options_of(make))
 
 
-class PerAgentVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
+class Adapter(Pictured):
+    """The base of adapters: what all of them take from `base_env`, the SurvivalVectorEnv below."""
+
+    base_env: SurvivalVectorEnv
+
+    @property
+    def state_space(self) -> Any:
+        """The space of one world's row of `state`: Box, float32 (size,)."""
+        return self.base_env.state_space
+
+    @property
+    def state_names(self) -> list[str]:
+        """The names of the columns of `state`; see SurvivalVectorEnv.state_names."""
+        return self.base_env.state_names
+
+    def state(self, out: Any = None) -> Array:
+        """Return each world as one vector, float32 (num_worlds, size), for critics; see SurvivalVectorEnv.state."""
+        return self.base_env.state(out)
+
+    def get_state(self) -> State:
+        """Return the worlds' state as plain arrays, to go on from later; see SurvivalVectorEnv.get_state."""
+        return self.base_env.get_state()
+
+
+class OneWorldAdapter(Adapter):
+    """The base of adapters of a single world, which a window may show."""
+
+    _window: Window | None
+    render: Callable[[], Any]
+
+    def state(self) -> Array:  # type: ignore[override]
+        """Return the whole world, even what no agent sees, float32 (size,); see SurvivalVectorEnv.state."""
+        state: Array = self.base_env.state()[0]
+        return state
+
+    def close(self) -> None:
+        """Close the window and the world. Closing again does no harm."""
+        if self._window is not None:
+            self._window.close()
+        self.base_env.close()
+
+    def _show(self) -> None:
+        if self._window is not None:
+            self.render()
+
+
+class PerAgentVectorEnv(Adapter, VectorEnv[Arrays, Actions, Array]):
     """Agents of every world as sub-environments, world by world. All agents of a world end and are reset together.
 
     base_env, a SurvivalVectorEnv without copies, ends episodes and resets worlds according to autoreset_mode. Under
@@ -182,28 +229,10 @@ class PerAgentVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
         frames = self.base_env.render()
         return None if frames is None else tuple(frame for frame in frames for _ in range(self._each))
 
-    @property
-    def state_space(self) -> Any:
-        """The space of one world's row of `state`: Box, float32 (size,)."""
-        return self.base_env.state_space
-
-    @property
-    def state_names(self) -> list[str]:
-        """The names of the columns of `state`; see SurvivalVectorEnv.state_names."""
-        return self.base_env.state_names
-
-    def state(self, out: Any = None) -> Array:
-        """Return each world as one vector, float32 (num_worlds, size), for critics; see SurvivalVectorEnv.state."""
-        return self.base_env.state(out)
-
     def action_masks(self) -> Array:
         """Return which actions can do something, bool (num_envs, entries); see SurvivalVectorEnv.action_masks."""
         self.base_env._check_running("action_masks")
         return self._masks()
-
-    def get_state(self) -> State:
-        """Return the worlds' state as plain arrays, to go on from later; see SurvivalVectorEnv.get_state."""
-        return self.base_env.get_state()
 
     def set_state(self, state: State) -> Arrays:
         """Go on from `state`, of as many worlds or of one for all. Returns the observations. Raises StateError."""

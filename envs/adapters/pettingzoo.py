@@ -21,12 +21,11 @@ from ..core.validation import Array, check_choice, check_count
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import ActionError, NotResetError, install
 from ..rendering import modes
-from ..rendering.notebook import Pictured
 from ..rendering.window import Window
 from ..scenarios.known_numbers import Numbers
 from ..scenarios.scenario import Scenario
 from ..snapshots.state import State
-from .per_agent import check_dead, requested
+from .per_agent import OneWorldAdapter, check_dead, requested
 
 try:
     from pettingzoo import ParallelEnv
@@ -43,7 +42,7 @@ RENDER_MODES = (*modes.RENDER_MODES, "human")
 METADATA = {"render_modes": list(RENDER_MODES), "render_fps": modes.FPS, "is_parallelizable": True}
 
 
-class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyped, see pyproject.toml
+class SurvivalParallelEnv(OneWorldAdapter, ParallelEnv):  # type: ignore[misc]  # untyped, see pyproject.toml
     """One world as a PettingZoo ParallelEnv; made by `adapters.parallel_env`. Its agents are agent_0, agent_1 ...
 
     ## Description
@@ -129,7 +128,6 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
         self._mask_form: tuple[str, Any] | None = None
         if action_masks == "observation":
             self._observe_masks("observation", np.int8)
-        self.state_space, self.state_names = self.base_env.state_space, self.base_env.state_names
 
     def observation_space(self, agent: str) -> Any:
         """Return the agent's observation space: Dict of float32 Boxes, or a flat Box; always the same object."""
@@ -198,20 +196,11 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
             infos,
         )
 
-    def state(self) -> Array:
-        """Return the whole world, even what no agent sees, as a float32 vector; see core.global_state.GlobalState."""
-        state: Array = self.base_env.state()[0]
-        return state
-
     def action_masks(self) -> dict[str, Array]:
         """Return which actions of each of `agents` can do something, bool (entries,); see SurvivalVectorEnv."""
         self.base_env._check_running("action_masks")
         masks = self._actions.masks()[0]
         return {agent: masks[self._index[agent]] for agent in self.agents}
-
-    def get_state(self) -> State:
-        """Return the world's state as plain arrays, to go on from later; see SurvivalVectorEnv.get_state."""
-        return self.base_env.get_state()
 
     def set_state(self, state: State) -> Observations:
         """Go on from `state`. Returns the observations. Raises StateError if it is of another scenario.
@@ -232,12 +221,6 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
         if self._window is not None:
             self._window.show(drawn)
         return drawn if self._window is None else None
-
-    def close(self) -> None:
-        """Close the window and the world. Closing again does no harm."""
-        if self._window is not None:
-            self._window.close()
-        self.base_env.close()
 
     def __deepcopy__(self, memo: Any) -> Self:
         """Return an environment that goes on from where this one is."""
@@ -303,10 +286,6 @@ class SurvivalParallelEnv(Pictured, ParallelEnv):  # type: ignore[misc]  # untyp
             for agent, info in infos.items():
                 info["action_mask"] = masks[self._index[agent]]
         return infos
-
-    def _show(self) -> None:
-        if self.render_mode == "human":
-            self.render()
 
     def _of(self, spaces: dict[str, Any], agent: str) -> Any:
         if agent not in spaces:

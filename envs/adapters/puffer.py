@@ -10,12 +10,11 @@ from ..core.validation import Array, check_choice, check_flags
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import install
 from ..rendering.modes import RENDER_MODES, render_world
-from ..rendering.notebook import Pictured
 from ..scenarios.known_numbers import Numbers
 from ..scenarios.parse import checks_keywords
 from ..scenarios.scenario import Scenario
 from ..snapshots.state import State
-from .per_agent import requested
+from .per_agent import Adapter, requested
 
 try:
     from pufferlib import PufferEnv
@@ -75,7 +74,7 @@ def make_puffer(
     return SurvivalPufferEnv(base_env, actions=actions, check_actions=check_actions, render_mode=render_mode, buf=buf)
 
 
-class SurvivalPufferEnv(Pictured, PufferEnv):  # type: ignore[misc]  # untyped, see pyproject.toml
+class SurvivalPufferEnv(Adapter, PufferEnv):  # type: ignore[misc]  # untyped, see pyproject.toml
     """All agents of all worlds: row w * agents + i of every array is agent i of world w. num_agents counts all rows.
 
     The arrays are those of PufferLib (buf) or, without these, the environment's own; every call overwrites them:
@@ -157,14 +156,6 @@ class SurvivalPufferEnv(Pictured, PufferEnv):  # type: ignore[misc]  # untyped, 
         self.base_env._check_running("action_masks")
         masks: Array = self._actions.masks().reshape(self.num_agents, -1)
         return masks
-
-    def state(self, out: Any = None) -> Array:
-        """Return each world as one vector, float32 (num_worlds, size), for critics; see SurvivalVectorEnv.state."""
-        return self.base_env.state(out)
-
-    def get_state(self) -> State:
-        """Return the state of all worlds as plain arrays; see SurvivalVectorEnv.get_state."""
-        return self.base_env.get_state()
 
     def set_state(self, state: State) -> Array:
         """Go on from `state`, of as many worlds or of one for all. Returns the observations.

@@ -9,8 +9,8 @@ from outlast.ecs import Clock
 
 from ..core.validation import Array
 from ..errors import install
-from ..rendering.notebook import Pictured
 from ..snapshots.state import State
+from .per_agent import OneWorldAdapter
 from .pettingzoo import Infos, Observations, SurvivalParallelEnv, parallel_env
 
 try:
@@ -23,7 +23,7 @@ except ImportError as error:
 CHECK: tuple[int, dict[str, Any]] = (42, {})
 
 
-class SurvivalMultiAgentEnv(Pictured, MultiAgentEnv):  # type: ignore[misc]  # untyped, see pyproject.toml
+class SurvivalMultiAgentEnv(OneWorldAdapter, MultiAgentEnv):  # type: ignore[misc]  # untyped, see pyproject.toml
     """One world for RLlib; its agents are agent_0, agent_1 ...
 
     >>> PPOConfig().environment(SurvivalMultiAgentEnv, env_config={"scenario": "ffa_3", "dead": "keep"})
@@ -50,8 +50,6 @@ class SurvivalMultiAgentEnv(Pictured, MultiAgentEnv):  # type: ignore[misc]  # u
 
     Attributes:
         base_env: The SurvivalVectorEnv of one world below.
-        state_space: The space of `state`: Box, float32 (size,).
-        state_names: The names of the columns of `state`; see SurvivalVectorEnv.state_names.
     """
 
     def __init__(self, config: Mapping[str, Any] | None = None) -> None:
@@ -61,10 +59,9 @@ class SurvivalMultiAgentEnv(Pictured, MultiAgentEnv):  # type: ignore[misc]  # u
         if self._parallel._masked and self._parallel._mask_form is None:
             self._parallel._observe_masks("observations", np.float32)
         self.observation_spaces, self.action_spaces = self._parallel.observation_spaces, self._parallel.action_spaces
-        self.state_space, self.state_names = self._parallel.state_space, self._parallel.state_names
         self.metadata, self.render_mode = self._parallel.metadata, self._parallel.render_mode
         super().__init__()
-        self._config, self.base_env = config, self._parallel.base_env
+        self._config, self.base_env, self._window = config, self._parallel.base_env, self._parallel._window
         self._seed: int | None = int(self.base_env.worlds[Clock].seed[0, 0])  # the seed in config, or a drawn one
         self._unchecked = isinstance(config, EnvContext)
         self.base_env.first_world = _world(config)
@@ -94,27 +91,15 @@ class SurvivalMultiAgentEnv(Pictured, MultiAgentEnv):  # type: ignore[misc]  # u
         """Return the picture, depending on config["render_mode"]."""
         return self._parallel.render()
 
-    def state(self) -> Array:
-        """Return the whole world as a vector, float32 (size,), for critics; see SurvivalVectorEnv.state."""
-        return self._parallel.state()
-
     def action_masks(self) -> dict[str, Array]:
         """Return which actions of each of `agents` can do something, bool (entries,); see SurvivalVectorEnv."""
         return self._parallel.action_masks()
-
-    def get_state(self) -> State:
-        """Return the world's state as plain arrays, to go on from later; see SurvivalVectorEnv.get_state."""
-        return self._parallel.get_state()
 
     def set_state(self, state: State) -> Observations:
         """Go on from `state`. Returns the observations. Raises StateError if it is of another scenario."""
         observations = self._parallel.set_state(state)
         self.agents, self._cut = self._parallel.agents, bool(self.base_env._truncated[0])
         return observations
-
-    def close(self) -> None:
-        """Close the window and the world. Closing again does no harm."""
-        self._parallel.close()
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self._config,)

@@ -9,14 +9,13 @@ from ..core.env_properties import Arrays
 from ..core.options import world_options
 from ..core.validation import Array, as_array, check_count, keys
 from ..errors import PendingError, install
-from ..rendering.notebook import Pictured
 from ..rendering.window import Window
 from ..scenarios.known_numbers import Numbers
 from ..scenarios.parse import checks_keywords
 from ..scenarios.scenario import Scenario
 from ..snapshots.state import State
 from .gymnasium_agents import SurvivalAgentVectorEnv
-from .per_agent import requested
+from .per_agent import Adapter, requested
 
 try:
     from stable_baselines3.common.vec_env import VecEnv
@@ -75,7 +74,7 @@ def make_sb3(
     return SurvivalVecEnv(agents, seed=seed, render_worlds=render_worlds)
 
 
-class SurvivalVecEnv(Pictured, VecEnv):  # type: ignore[misc]  # mypy does not follow it
+class SurvivalVecEnv(Adapter, VecEnv):  # type: ignore[misc]  # mypy does not follow it
     """All agents of all worlds: sub-environment w * num_agents + i is agent i of world w.
 
     Observations: dict of float32 (num_envs, ...), or a flat array; copies, because SB3's algorithms keep the last ones
@@ -202,19 +201,6 @@ class SurvivalVecEnv(Pictured, VecEnv):  # type: ignore[misc]  # mypy does not f
     def action_masks(self) -> Array:
         """Return which actions can do something, bool (num_envs, entries); see SurvivalVectorEnv.action_masks."""
         return self._agents.action_masks()
-
-    @property
-    def state_space(self) -> Any:
-        """The space of one world's row of `state`: Box, float32 (size,)."""
-        return self._agents.state_space
-
-    def state(self, out: Any = None) -> Array:
-        """Return each world as one vector, float32 (num_worlds, size), for critics; see SurvivalVectorEnv.state."""
-        return self._agents.state(out)
-
-    def get_state(self) -> State:
-        """Return the worlds' state as plain arrays, to go on from later; see SurvivalVectorEnv.get_state."""
-        return self._agents.get_state()
 
     def set_state(self, state: State) -> Arrays:
         """Go on from `state`, of as many worlds or of one for all. Returns the observations. Raises StateError.
