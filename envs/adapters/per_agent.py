@@ -13,11 +13,10 @@ from outlast.ecs import NumberError, Worlds
 
 from ..core.action_spaces import ActionSpace
 from ..core.agents import agent_statistics
-from ..core.env_properties import Actions, Arrays
 from ..core.observations import each
 from ..core.validation import Array, as_array, check_choice, check_count, check_flags, reset_mask
 from ..core.validation import autoreset_mode as checked_mode
-from ..core.vector_env import SurvivalVectorEnv
+from ..core.vector_env import Actions, Arrays, SurvivalVectorEnv
 from ..errors import FaultError, NotResetError
 from ..rendering.notebook import Pictured
 from ..rendering.window import Window

@@ -5,9 +5,9 @@ from typing import Any, Unpack
 
 import numpy as np
 
-from ..core.env_properties import Arrays
 from ..core.options import world_options
 from ..core.validation import Array, as_array, check_count, keys
+from ..core.vector_env import Arrays
 from ..errors import PendingError, install
 from ..rendering.window import Window
 from ..scenarios.known_numbers import Numbers

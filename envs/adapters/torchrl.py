@@ -14,9 +14,8 @@ from ..core.agents import counts_vary, side
 from ..core.concurrency import exclusive
 from ..core.observations import each
 from ..core.options import world_options
-from ..core.step_buffers import StepBuffers
 from ..core.validation import Array, check_choice, keys
-from ..core.vector_env import SurvivalVectorEnv
+from ..core.vector_env import StepBuffers, SurvivalVectorEnv
 from ..errors import install
 from ..rendering.notebook import Pictured
 from ..scenarios.known_numbers import Numbers

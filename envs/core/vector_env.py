@@ -2,41 +2,49 @@
 
 import contextlib
 from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
-from gymnasium.vector import AutoresetMode
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
 
 from outlast.components import End, Reward
-from outlast.ecs import Observer
+from outlast.components.agent import side_names
+from outlast.ecs import AgentRoles, Fields, Observer
 
 from ..errors import ActionError, RecordingError
 from ..levels import Level
 from ..rendering.modes import FPS, RENDER_MODES, render_worlds
+from ..rendering.notebook import Pictured
 from ..scenarios.scenario import Scenario
 from ..snapshots.state import State, restore, snapshot
 from . import death_log
 from .action_spaces import ActionSpace
+from .agents import Presence, counted
+from .buffers import writable
 from .concurrency import CallGuard, check_callable, exclusive, exclusive_step
-from .env_properties import Actions, Arrays, EnvProperties
+from .global_state import GlobalState
 from .lifecycle import EpisodeTracker, check_faults, check_places, check_playable
-from .numbers import change_levels, change_numbers
+from .numbers import change_levels, change_numbers, current_levels, current_numbers
 from .observations import Observations
 from .options import WorldOptions, check_options
 from .places import place
 from .query import Query
 from .slow_call import announce_compilation
-from .spaces import check_published
-from .step_buffers import StepBuffers
+from .spaces import check_published, statistics
 from .step_events import StepEvents
-from .validation import MAX_WORLDS, Seeds, as_array, check_count, keys, reset_mask
+from .validation import MAX_WORLDS, Array, Seeds, as_array, check_count, keys, reset_mask
 from .validation import autoreset_mode as checked_autoreset_mode
 
+Arrays = dict[str, Array]
+Actions = Array
+OUT = ("observations", "rewards", "terminated", "truncated", "state", "action_mask")  # names of what a step returns
 Stops = Callable[[], tuple[Actions, Actions]]
 Watcher = TypeVar("Watcher", bound=Observer)
 
 
-class SurvivalVectorEnv(EnvProperties):
+class SurvivalVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
     """Many worlds of a scenario as a gymnasium VectorEnv whose sub-environments are whole worlds.
 
     ## Description
@@ -381,6 +389,214 @@ class SurvivalVectorEnv(EnvProperties):
             self._guard.close()
             self._tracker.close()
 
+    @cached_property
+    def observation_space(self) -> Any:  # type: ignore[override]
+        """`single_observation_space`, batched. Made on first use, as it takes as much memory as a batch does."""
+        return batch_space(self.single_observation_space, self.num_worlds)
+
+    @cached_property
+    def action_space(self) -> Any:  # type: ignore[override]
+        """`single_action_space`, batched. Always the same object, as its generator goes on from sample to sample."""
+        return batch_space(self.single_action_space, self.num_worlds)
+
+    @property
+    def fields(self) -> Fields:
+        """Return what the last axis of observations holds: `ecs.Field` by key and name, in order of columns.
+
+        Keys that declare no fields, such as masks, are not in it. `columns` of a field is its slice of the row, and
+        `ecs.columns_of` the index of several fields: observations["own"][..., columns_of(env.fields["own"], "x", "y")].
+        """
+        return {key: dict(named) for key, named in self.worlds.layout.fields.items()}
+
+    @property
+    def sides(self) -> tuple[str, ...]:
+        """The names of the sides, in the order in which statistics have an entry for each side."""
+        return side_names(self.worlds.layout)
+
+    @property
+    def roles(self) -> tuple[str, ...]:
+        """The names of the roles; info["roles"] holds indices of it (-1: agent absent). Empty if there are no roles."""
+        return self.scenario.by_role.names if self.scenario.by_role else ()
+
+    @property
+    def flat_size(self) -> int:
+        """Return how many numbers the observation of one agent has: the length of its row in a flat array."""
+        return self._reader.flat_size
+
+    @property
+    def flat_names(self) -> list[str]:
+        """The names of a flat array's columns: "own.health", "heals.3.x" (of the fourth heal), "heals_mask.3"."""
+        return self._reader.names
+
+    @property
+    def action_columns(self) -> list[tuple[str, int]]:
+        """Names of the actions, and the value that the integer 0 stands for."""
+        return list(zip(self._actions.keys, (-self._actions.zeros).tolist(), strict=True))
+
+    @property
+    def action_sizes(self) -> Actions:
+        """Return how many values each action has, integers (actions,)."""
+        return self._actions.sizes
+
+    @property
+    def noop(self) -> Actions:
+        """The action that does nothing, integers (actions,); "joint": a single one; "continuous": floats (actions,)."""
+        return self._actions.noop
+
+    @property
+    def action_mask_size(self) -> int:
+        """The length of an agent's action mask: 15 in the paper; with actions="joint" 216, with "continuous" 0."""
+        return self._actions.mask_size
+
+    @property
+    def state_space(self) -> Any:
+        """The space of one world's row of `state`: Box, float32 (size,)."""
+        return self._global_state.space
+
+    @property
+    def state_names(self) -> list[str]:
+        """The names of the columns of `state`: "agent_0.health", "box_3.x" ..."""
+        return self._global_state.names
+
+    @exclusive
+    def observe(self, out: Any = None) -> Arrays:
+        """Return the observations as they are now.
+
+        Args:
+            out: Memory to write them to as well: float32 arrays (worlds, agents, ...) by key, or one float32 array
+                (worlds, agents, flat_size) that joins all keys; numpy arrays, or tensors that can share memory with
+                numpy.
+
+        Returns:
+            As from `step`: copies, or views if copy=False.
+
+        Raises:
+            NotResetError: Some worlds have not been reset.
+            ValueError: `out` has other keys, shapes or types; nothing was written.
+        """
+        self._tracker.check_running("observe")
+        if out is not None:
+            self._reader.write(self._reader.check(out))
+        return self._observe()
+
+    @exclusive
+    def state(self, out: Any = None) -> Actions:
+        """Return each world as one vector, for centralised critics. It includes what no agent sees.
+
+        `state_names` has the names of its columns, which global_state.GlobalState describes.
+
+        Args:
+            out: Memory to write it to: float32 (worlds, size), a numpy array or a tensor that can share memory with it.
+
+        Returns:
+            float32 (worlds, size), scaled if observations are: a new array, or `out` as a numpy array.
+
+        Raises:
+            NotResetError: Some worlds have not been reset.
+            ValueError: `out` has another shape or type.
+        """
+        self._tracker.check_running("state")
+        if out is None:
+            return self._global_state(slice(None))
+        array = writable("out", out, (self.num_worlds, *self.state_space.shape))
+        array[...] = self._global_state(slice(None))
+        return array
+
+    @exclusive
+    def action_masks(self, out: Any = None) -> Actions:
+        """Return which actions can change anything in the next step, or are `noop`.
+
+        An action that is False would leave exactly the same world behind as `noop`, to the bit: attacks while the
+        weapon is cooling down, use with an empty bag, whatever the dead do. One that is True may still do nothing.
+
+        Args:
+            out: Memory to write it to, bool of the shape below; otherwise as for `state`.
+
+        Returns:
+            bool (worlds, agents, action_mask_size): the values of the first action, then those of the second, and so
+            on; with actions="joint" all joint actions. A new array, or `out` as a numpy array.
+
+        Raises:
+            NotResetError: Some worlds have not been reset.
+            ValueError: `out` has another shape or type, or actions are continuous.
+        """
+        self._tracker.check_running("action_masks")
+        if out is None:
+            return self._actions.masks()
+        array = writable("out", out, (self.num_worlds, self.worlds.dims["agents"], self.action_mask_size), bool)
+        array[...] = self._actions.masks()
+        return array
+
+    @exclusive
+    def events(self) -> dict[str, Array]:
+        """Return what happened in the last step, or reset, of each world: who hit, killed, used, gave or broke what.
+
+        Returns:
+            By name of the event ("hit", "death", "item_used" ...), a structured array with a row for each event, in
+            order of worlds: `world`, its index; `episode` and `tick`, int64; and the columns of the event (see
+            docs/events.md), in which entities are rows of the world. The arrays are copies. A world that SAME_STEP has
+            reset shows the events of the step that ended its episode.
+        """
+        return self._step_events.read()
+
+    @exclusive
+    def numbers(self) -> dict[str, Any]:
+        """Return all numbers of the game by name, as they are now.
+
+        Numbers that vary (see Scenario.vary) are arrays (worlds, ...), with the value in each world's current episode;
+        those that differ by role are arrays (worlds, agents). If there are any such numbers, NotResetError before
+        reset().
+        """
+        return current_numbers(self.worlds)
+
+    @exclusive
+    def levels(self, mask: Any = None) -> list[Level]:
+        """Return what the worlds' current episodes were made from; see outlast.levels. mask: bool (worlds,)."""
+        return current_levels(self.worlds, mask)
+
+    @cached_property
+    def _presence(self) -> Presence:
+        return Presence(self.worlds)
+
+    @cached_property
+    def _varied(self) -> bool:
+        return bool(self.worlds.layout.varied)
+
+    @cached_property
+    def _roles(self) -> bool:
+        return AgentRoles in self.worlds
+
+    @cached_property
+    def _global_state(self) -> GlobalState:
+        return GlobalState(self.worlds, self._reader.scaled)
+
+    def _observe(self) -> Arrays:
+        observed: Arrays = self._reader.read(self.copy)
+        return observed
+
+    def _check_running(self, call: str) -> None:
+        """Raise ClosedError, PendingError or NotResetError unless `call` can look at all worlds; for adapters."""
+        check_callable(self)
+        self._tracker.check_running(call)
+
+    def _info(self) -> dict[str, Any]:
+        """Return the entries of info about the observations that are returned."""
+        info: dict[str, Any] = {**self._presence()}
+        if self._masked:
+            info["action_mask"] = self._actions.masks().view(np.int8)  # the type that Gymnasium's Space.sample takes
+        if self._varied:
+            info["numbers"] = self.worlds.numbers()
+        if self._roles:
+            info["roles"] = np.where(info.get("present", True), self.worlds[AgentRoles].role, np.int32(-1))
+        return info
+
+    def _ended(self, done: Actions) -> dict[str, Any]:
+        """Return the entries of info about the episodes that just ended, in the worlds `done`."""
+        info: dict[str, Any] = {"statistics": statistics(self.worlds, done), "_statistics": done}
+        if there := counted(self.worlds):
+            info["statistics_present"] = there
+        return info
+
     def _finish(self, done: Actions) -> dict[str, Any]:
         """Report the episodes that just ended; under SAME_STEP also start the next ones."""
         info = self._ended(done)
@@ -407,3 +623,56 @@ class SurvivalVectorEnv(EnvProperties):
     @property
     def _recording(self) -> bool:
         return any(observer.recording for observer in self._tracker.observers)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.scenario.name!r}, num_worlds={self.num_worlds})"
+
+    def __reduce__(self) -> Any:
+        raise TypeError(
+            "an environment cannot be pickled or copied; pickle what makes it, as "
+            "functools.partial(outlast.make_vec, 'ffa_3', 64, seed=0), and what get_state() returns"
+        )
+
+
+class StepBuffers:
+    """The memory that SurvivalVectorEnv.step was given as `out`."""
+
+    def __init__(self, env: SurvivalVectorEnv, out: Any) -> None:
+        """Check it, without writing anything yet. Raises ValueError."""
+        self._env, self._given = env, {} if out is None else out
+        if not isinstance(self._given, Mapping) or (unknown := sorted(map(repr, self._given.keys() - set(OUT)))):
+            found = f"the name {unknown[0]}" if isinstance(out, Mapping) else f"type {type(out).__name__}"
+            raise ValueError(f"out has {found}: a mapping is needed, with names among {', '.join(OUT)}")
+        self._arrays = {name: self._checked(name, array) for name, array in self._given.items()}
+        if len({id(array) for array in self._given.values()}) < len(self._given):
+            raise ValueError("out has one array for two names: each needs memory of its own")
+
+    def put(self, name: str, values: Array) -> Any:
+        """Write the values into the caller's memory of that name and return it; without any, return a copy of them."""
+        if name not in self._given:
+            return values.copy()
+        self._arrays[name][...] = values
+        return self._given[name]
+
+    def fill(self) -> Any:
+        """Write what is known when the step is over. Returns the caller's observations, or None if none were given."""
+        if "state" in self._arrays:
+            self._arrays["state"][...] = self._env._global_state(slice(None))
+        if "action_mask" in self._arrays:
+            self._arrays["action_mask"][...] = self._env._actions.masks()
+        if "observations" not in self._arrays:
+            return None
+        self._env._reader.write(self._arrays["observations"])
+        return self._given["observations"]
+
+    def _checked(self, name: str, array: Any) -> Any:
+        env, what = self._env, f"out[{name!r}]"
+        worlds, rows = (env.num_worlds,), (env.num_worlds, env.worlds.dims["agents"])
+        if name == "observations":
+            return env._reader.check(array, what)
+        if name == "state":
+            return writable(what, array, worlds + env.state_space.shape)
+        if name == "action_mask":
+            env._actions.check_masked()
+            return writable(what, array, (*rows, env.action_mask_size), bool)
+        return writable(what, array, rows) if name == "rewards" else writable(what, array, worlds, bool)

@@ -7,8 +7,7 @@ import numpy as np
 from outlast.components import End
 
 from ..core.agents import side
-from ..core.env_properties import Actions, Arrays
-from ..core.vector_env import SurvivalVectorEnv
+from ..core.vector_env import Actions, Arrays, SurvivalVectorEnv
 from ..errors import UsageError
 from .lineup import Lineup, key_of, own_side
 from .memory import tell

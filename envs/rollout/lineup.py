@@ -15,9 +15,8 @@ import numpy as np
 from outlast.ecs import Clock, Worlds
 from outlast.ecs.kernels.errors import did_you_mean
 
-from ..core.env_properties import Actions, Arrays
 from ..core.validation import checked_actions
-from ..core.vector_env import SurvivalVectorEnv
+from ..core.vector_env import Actions, Arrays, SurvivalVectorEnv
 from ..errors import UsageError
 from ..scenarios.imports import member_of, module_of
 from ..scenarios.scenario import Scenario

@@ -7,8 +7,7 @@ import numpy as np
 
 from outlast.ecs import Clock
 
-from ..core.env_properties import Actions, Arrays
-from ..core.vector_env import SurvivalVectorEnv
+from ..core.vector_env import Actions, Arrays, SurvivalVectorEnv
 from ..errors import UsageError
 from .policies import Policy
 

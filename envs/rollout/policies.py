@@ -13,9 +13,8 @@ import numpy as np
 from outlast.ecs import Clock
 
 from ..core.action_spaces import MOST
-from ..core.env_properties import Actions, Arrays
 from ..core.validation import checked_actions
-from ..core.vector_env import SurvivalVectorEnv
+from ..core.vector_env import Actions, Arrays, SurvivalVectorEnv
 from ..errors import UsageError
 from ..scenarios.scenario import STYLES as NAMES
 from .styles import camper, follow, healer, hoarder, hunter, scripted

@@ -12,8 +12,7 @@ import numpy as np
 from outlast.ecs import Fields, columns_of
 from outlast.ecs.declarations.fields import width
 
-from ..core.env_properties import Actions, Arrays
-from ..core.vector_env import SurvivalVectorEnv
+from ..core.vector_env import Actions, Arrays, SurvivalVectorEnv
 from ..errors import UsageError
 
 REACH = 2.0  # metres: reach of a strike, and of giving

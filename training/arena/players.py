@@ -9,9 +9,8 @@ import numpy as np
 import torch
 
 from outlast.ecs.kernels.errors import did_you_mean
-from outlast.envs.core.env_properties import Actions, Arrays
 from outlast.envs.core.validation import checked_actions
-from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.core.vector_env import Actions, Arrays, SurvivalVectorEnv
 from outlast.envs.rollout.lineup import OWN_AS, checked_entries, is_own, maker
 from outlast.envs.rollout.memory import check_memories, told
 from outlast.envs.rollout.models import models
