@@ -1,27 +1,76 @@
-"""Calls of one environment: one at a time, including a call in the background whose result is fetched later."""
+"""Calls of one environment: one at a time, including a call in the background whose result is fetched later.
 
+Ctrl-C can leave neither the call nor its caller waiting for ever. `concurrent.futures` and `threading.Thread.start` are
+Python code: if Ctrl-C comes when they have taken a lock but not yet entered the block that releases it, every thread
+that needs it waits for ever. Here each wait is a single C call of a lock, so Ctrl-C comes before or after it.
+"""
+
+import _thread
 import functools
 import os
+import threading
 from collections.abc import Callable
 from threading import get_ident
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from ..errors import ClosedError, PendingError
-from .worker import Job, Worker
 
 Options = ParamSpec("Options")
 Result = TypeVar("Result")
 Step = TypeVar("Step", bound=Callable[..., Any])
 
 
+class Job:
+    """A call in a thread of its own, made once, however often it is started."""
+
+    def __init__(self, call: Callable[..., Any], *arguments: Any) -> None:
+        self._call = (call, arguments)
+        self._result: Any = None
+        self._error: BaseException | None = None
+        self._claimed, self._unfinished = threading.Lock(), threading.Lock()
+        self._unfinished.acquire()
+
+    def start(self) -> None:
+        """Make the call, unless it has begun already. A start that Ctrl-C interrupted may be repeated."""
+        _thread.start_new_thread(self._run, ())
+
+    def _run(self) -> None:
+        if not self._claimed.acquire(blocking=False):
+            return
+        call, arguments = self._call
+        try:
+            self._result = call(*arguments)
+        except BaseException as error:
+            self._error = error
+        finally:
+            del self._call, call, arguments  # a finished job keeps only its result alive
+            self._unfinished.release()
+
+    def wait(self) -> None:
+        """Wait for the end."""
+        with self._unfinished:
+            pass
+
+    def result(self) -> Any:
+        """Wait for the end; return or raise what the call did."""
+        self.wait()
+        if self._error is not None:
+            raise self._error
+        return self._result
+
+    @property
+    def finished(self) -> bool:
+        """Return whether the call was made and has ended."""
+        return not self._unfinished.locked()
+
+
 class CallGuard:
-    """A re-entrancy guard, and a thread for one call in the background, which starts with the first such call.
+    """A re-entrancy guard, and one call in the background.
 
     `exclusive` makes methods that raise PendingError while another thread is inside.
     """
 
     def __init__(self) -> None:
-        self._worker = Worker()
         self.pending: Job | None = None
         self._owner = os.getpid()
         # the thread that is in a call; if Ctrl-C leaves it here, the thread's next call clears it
@@ -48,7 +97,7 @@ class CallGuard:
         self.leave()
         self._owner = os.getpid()
         self.pending = Job(self._guarded, call, *arguments)
-        self._worker.submit(self.pending)
+        self.pending.start()
 
     def fetch(self) -> Any:
         """Wait for the call, and return or raise what it did. Raises PendingError if no call has begun."""
@@ -56,7 +105,7 @@ class CallGuard:
             raise PendingError("recv() without send()")
         self.check_owner()
         if not job.finished:
-            self._worker.submit(job)  # again, as Ctrl-C may have interrupted `begin` before it did so
+            job.start()  # again, as Ctrl-C may have interrupted `begin` before it did so
         try:
             result = job.result()
         finally:
@@ -76,12 +125,8 @@ class CallGuard:
         """Wait for the end of a call that has begun, if there is one; its result can still be fetched."""
         job, here = self.pending, self._owner == os.getpid() and self.inside.get("thread") != get_ident()
         if job is not None and here and not job.finished:
-            self._worker.submit(job)  # again, as in `fetch`
+            job.start()  # again, as in `fetch`
             job.wait()
-
-    def close(self) -> None:
-        """Release the thread, after its call."""
-        self._worker.close()
 
     def _guarded(self, call: Callable[..., Any], *arguments: Any) -> Any:
         self.enter()

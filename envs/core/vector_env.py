@@ -386,7 +386,7 @@ class SurvivalVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
     def close_extras(self, **kwargs: Any) -> None:
         """Release the threads and end a recording."""
         if hasattr(self, "worlds"):  # it is missing if the constructor refused its arguments
-            self._guard.close()
+            self._guard.wait()
             self._tracker.close()
 
     @cached_property
