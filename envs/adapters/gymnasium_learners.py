@@ -13,7 +13,7 @@ from ..core.options import world_options
 from ..core.spaces import statistics
 from ..core.validation import Array, check_choice, check_count
 from ..errors import ActionError
-from ..rendering.modes import RENDER_MODES
+from ..rendering.rgb import RENDER_MODES
 from ..rollout.lineup import Lineup, Others, entries_of
 from ..scenarios.known_numbers import Numbers
 from ..scenarios.scenario import Scenario

@@ -12,7 +12,7 @@ from ..core.observations import each
 from ..core.options import world_options
 from ..core.validation import Array, check_choice, keys
 from ..errors import NotResetError
-from ..rendering.modes import FPS, RENDER_MODES
+from ..rendering.rgb import FPS, RENDER_MODES
 from ..rendering.window import Window
 from ..rollout.lineup import Others, copied_others
 from ..scenarios.known_numbers import Numbers

@@ -18,7 +18,7 @@ from ..core.validation import Array, as_array, check_choice, check_count, check_
 from ..core.validation import autoreset_mode as checked_mode
 from ..core.vector_env import Actions, Arrays, SurvivalVectorEnv
 from ..errors import FaultError, NotResetError
-from ..rendering.notebook import Pictured
+from ..rendering.rgb import Pictured
 from ..rendering.window import Window
 from ..scenarios.parse import options_of, resolve
 from ..scenarios.scenario import Scenario

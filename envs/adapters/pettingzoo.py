@@ -20,7 +20,7 @@ from ..core.spaces import statistics
 from ..core.validation import Array, check_choice, check_count
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import ActionError, NotResetError, install
-from ..rendering import modes
+from ..rendering import rgb
 from ..rendering.window import Window
 from ..scenarios.known_numbers import Numbers
 from ..scenarios.scenario import Scenario
@@ -38,8 +38,8 @@ except ModuleNotFoundError as error:
 Observations = dict[str, Any]  # by name of the agent
 Infos = dict[str, dict[str, Any]]
 
-RENDER_MODES = (*modes.RENDER_MODES, "human")
-METADATA = {"render_modes": list(RENDER_MODES), "render_fps": modes.FPS, "is_parallelizable": True}
+RENDER_MODES = (*rgb.RENDER_MODES, "human")
+METADATA = {"render_modes": list(RENDER_MODES), "render_fps": rgb.FPS, "is_parallelizable": True}
 
 
 class SurvivalParallelEnv(OneWorldAdapter, ParallelEnv):  # type: ignore[misc]  # untyped, see pyproject.toml
@@ -103,7 +103,7 @@ class SurvivalParallelEnv(OneWorldAdapter, ParallelEnv):  # type: ignore[misc]  
         if not isinstance(action_masks, (bool, np.bool_)):
             check_choice("action_masks", action_masks, ("observation",), ", True and False")
         self._recipe = partial(type(self), scenario, dead=dead, **world_options(locals()))
-        self._window = Window(modes.FPS) if render_mode == "human" else None
+        self._window = Window(rgb.FPS) if render_mode == "human" else None
         self.render_mode, self.dead = render_mode, dead
         self.base_env = SurvivalVectorEnv(
             scenario,
@@ -217,7 +217,7 @@ class SurvivalParallelEnv(OneWorldAdapter, ParallelEnv):  # type: ignore[misc]  
         if self.render_mode is None:
             raise ValueError(f"render() needs an environment made with a render_mode: {', '.join(RENDER_MODES)}")
         kind = self.render_mode if self._window is None else "rgb_array"
-        drawn: Any = modes.render_world(self.base_env.worlds, 0, kind)
+        drawn: Any = rgb.render_world(self.base_env.worlds, 0, kind)
         if self._window is not None:
             self._window.show(drawn)
         return drawn if self._window is None else None

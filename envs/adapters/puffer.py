@@ -9,7 +9,7 @@ from ..core.agents import alive
 from ..core.validation import Array, check_choice, check_flags
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import install
-from ..rendering.modes import RENDER_MODES, render_world
+from ..rendering.rgb import RENDER_MODES, render_world
 from ..scenarios.known_numbers import Numbers
 from ..scenarios.parse import checks_keywords
 from ..scenarios.scenario import Scenario

@@ -17,7 +17,7 @@ from ..core.options import world_options
 from ..core.validation import Array, check_choice, keys
 from ..core.vector_env import StepBuffers, SurvivalVectorEnv
 from ..errors import install
-from ..rendering.notebook import Pictured
+from ..rendering.rgb import Pictured
 from ..scenarios.known_numbers import Numbers
 from ..scenarios.parse import checks_keywords
 from ..scenarios.scenario import Scenario

@@ -15,8 +15,7 @@ from ..errors import FilmError
 from ..recording import Recording, Replay
 from ..recording.selection import last_tick, rows_of
 from ..rendering.layers import FILM_LAYERS, Layer, Scene, select
-from ..rendering.modes import FPS
-from ..rendering.rgb import checked_layers
+from ..rendering.rgb import FPS, checked_layers
 from ..rendering.video import footage, write_film
 from ..rendering.video.footage import check_pictures
 from ..rendering.video.writer import check_film, ending

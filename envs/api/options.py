@@ -8,7 +8,7 @@ from typing import Any
 
 from ..core.options import MACHINE, OUTPUT, PLAY, option
 from ..rendering.layers import FILM_LAYERS_BY_NAME, FILM_OPTIONAL
-from ..rendering.modes import FPS
+from ..rendering.rgb import FPS
 from ..rollout.lineup import OWN_AS, Others
 from ..rollout.policies import POLICIES
 from ..rollout.saved import SAVED_AS

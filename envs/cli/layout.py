@@ -3,11 +3,8 @@
 import argparse
 import contextlib
 import logging
-import math
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from outlast.components import Shape
 from outlast.ecs import Worlds
@@ -17,10 +14,8 @@ from ..api.make import make_vec
 from ..api.options import LayoutOptions
 from ..core.options import GAME, OUTPUT
 from ..errors import ScenarioError, UsageError
-from ..rendering import opencv as cv2
-from ..rendering.canvas import LARGEST, SMALLEST
-from ..rendering.rgb import draw
-from ..rendering.video.footage import WIDEST
+from ..rendering.canvas import png
+from ..rendering.video.footage import check_pictures, footage, near_square
 from ..scenarios.floor_parts import in_words
 from ..scenarios.floor_plan import GENERATORS, LAYOUT, FloorPlan
 from ..storage.atomic_write import atomic_write
@@ -29,7 +24,7 @@ from .options import VARIANT, add_changes, add_number, add_options, path, scenar
 from .options import output as written
 
 LOGGER = logging.getLogger(__name__)
-GAP, SIZE = 8, 384  # pixels, between two pictures and along a side of one
+SIZE = 384  # pixels along a side of a picture
 
 
 def add(commands: Any) -> None:
@@ -71,15 +66,10 @@ def run(options: argparse.Namespace) -> int:
     if options.size is not None and path.suffix != ".png":
         raise UsageError(f"--size {options.size} is for pictures: write a .png, or leave it out")
     size = SIZE if options.size is None else options.size
-    if not SMALLEST <= size <= LARGEST:
-        raise UsageError(f"--size {size}: pixels from {SMALLEST} to {LARGEST} are needed")
     if path.suffix == ".json" and options.worlds > 1:
         raise UsageError(f"--out {options.out} is for the floor plan of one world; leave --worlds out, or write a .png")
-    if path.suffix == ".png" and (side := columns_of(options.worlds) * (size + GAP)) > WIDEST:
-        raise UsageError(
-            f"--worlds {options.worlds} of --size {size} are {side} pixels wide; at most {WIDEST} are possible: take "
-            "fewer or smaller ones"
-        )
+    if path.suffix == ".png":
+        check_pictures(size, near_square(options.worlds), 1)
     from ..web.replay.write import write_page
 
     with contextlib.closing(make_vec(scenario(options), options.worlds, seed=options.seed, copy=False)) as env:
@@ -94,7 +84,9 @@ def run(options: argparse.Namespace) -> int:
             elif path.suffix == ".html":
                 write_page(path, env.worlds, [0], range(env.num_worlds), title=f"{options.layout}: {env.scenario.name}")
             else:
-                _write_picture(path, [draw(env.worlds, w, size) for w in range(env.num_worlds)])
+                picture = png(next(footage(env.worlds, [None], range(env.num_worlds), size=size)))
+                with atomic_write(path) as place:
+                    place.write_bytes(picture)
         except OSError as error:
             raise UsageError(f"--out {options.out} cannot be written: {error.strerror}") from error
     print(options.out)
@@ -114,20 +106,3 @@ def _warn_of_parts(name: str, worlds: Worlds) -> None:
                 continue
             if words := in_words(parts, [owner for owner, *_ in plan.starts], width):
                 LOGGER.warning("%s: %s", name, words)
-
-
-def columns_of(worlds: int) -> int:
-    """Return pictures side by side, of so many worlds."""
-    return math.ceil(math.sqrt(worlds))
-
-
-def _write_picture(path: Path, images: list[np.ndarray[Any, Any]]) -> None:
-    """Write pictures side by side, in about as many rows as columns."""
-    columns, size = columns_of(len(images)), len(images[0])
-    rows = math.ceil(len(images) / columns)
-    sheet = np.full((rows * (size + GAP) - GAP, columns * (size + GAP) - GAP, 3), 255, np.uint8)
-    for k, image in enumerate(images):
-        top, left = (number * (size + GAP) for number in divmod(k, columns))
-        sheet[top : top + size, left : left + size] = image
-    with atomic_write(path) as place:
-        place.write_bytes(cv2.imencode(".png", sheet[..., ::-1])[1].tobytes())

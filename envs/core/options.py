@@ -10,7 +10,7 @@ from typing import Any
 
 from gymnasium.vector import AutoresetMode
 
-from ..rendering.modes import RENDER_MODES
+from ..rendering.rgb import RENDER_MODES
 from .validation import MAX_WORLDS, check_choice, check_count, check_flags
 
 MILLION = 10**6

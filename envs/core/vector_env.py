@@ -15,8 +15,7 @@ from outlast.ecs import AgentRoles, Fields, Observer
 
 from ..errors import ActionError, RecordingError
 from ..levels import Level
-from ..rendering.modes import FPS, RENDER_MODES, render_worlds
-from ..rendering.notebook import Pictured
+from ..rendering.rgb import FPS, RENDER_MODES, Pictured, render_worlds
 from ..scenarios.scenario import Scenario
 from ..snapshots.state import State, restore, snapshot
 from . import death_log

@@ -28,6 +28,14 @@ KEPT = 2**14  # how many shapes' corners are cached
 ERROR = 0.05  # pixels: distance allowed between a circle and the polygon that is drawn for it
 
 
+def png(image: Image) -> bytes:
+    """Return an RGB picture, uint8 (height, width, 3), as the bytes of a PNG file."""
+    done, encoded = cv2.imencode(".png", image[..., ::-1])
+    if not done:
+        raise ValueError(f"a picture of {image.shape} cannot be a PNG")
+    return bytes(encoded)
+
+
 class Canvas:
     """A picture of the plane around the origin: image is uint8 (height, width, 3), RGB, row 0 on top.
 

@@ -5,17 +5,20 @@ from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
+from gymnasium.logger import warn
 
 from outlast.components import Bag, Body, Box, BoxItem, Heal, Health, Item, Shape, Side, Wall, Zone
 from outlast.components.health import can_hurt
 from outlast.ecs import Component, Entity, Worlds, checked_worlds
 from outlast.ecs.kernels.integers import is_whole
 
-from .canvas import LARGEST, SMALLEST, Canvas, Image
+from .canvas import LARGEST, SMALLEST, Canvas, Image, png
 from .layers import LAYERS, Layer, Scene
 from .layers.layer import Strip, paint, paint_strips
 from .style import WALL
 
+RENDER_MODES = ("rgb_array", "ansi")  # of environments
+FPS = 30
 COLUMNS, LINES = 40, 20  # of the map: characters are about twice as high as wide
 BLOCK = "%"
 SIGNS: tuple[tuple[type[Component], str], ...] = ((Wall, BLOCK), (Item, "*"), (Heal, "+"), (BoxItem, "="), (Box, "#"))
@@ -81,6 +84,31 @@ def text(worlds: Worlds, w: int) -> str:
     edge = "+" + "-" * COLUMNS + "+"
     rows = (f"|{''.join(line)}|" for line in grid)
     return "\n".join([edge, *rows, edge, *_agents(scene)])
+
+
+def render_world(worlds: Worlds, w: int, render_mode: str) -> Any:
+    """Draw world `w` as a picture ("rgb_array", uint8 (512, 512, 3)) or as a map of characters ("ansi", str)."""
+    return draw(worlds, w) if render_mode == "rgb_array" else text(worlds, w)
+
+
+def render_worlds(worlds: Worlds, render_mode: str | None) -> tuple[Any, ...] | None:
+    """Draw a frame of each world; None without a mode."""
+    if render_mode is None:
+        warn(f"render() draws nothing without a render_mode; make the environment with one of {RENDER_MODES}")
+        return None
+    return tuple(render_world(worlds, w, render_mode) for w in range(worlds.count))
+
+
+class Pictured:
+    """An environment that a notebook's cell shows as a picture of its first world, if the cell ends with it.
+
+    A base class of SurvivalVectorEnv and of the adapters, which have that as `base_env`, TorchRL's as `vector_env`.
+    """
+
+    def _repr_png_(self) -> bytes | None:
+        """Return world 0 as a PNG of 512 x 512 pixels; None, so that text is shown, if closed or not yet reset."""
+        env: Any = getattr(self, "base_env", None) or getattr(self, "vector_env", None) or self
+        return None if env.closed or not env._tracker.running[0] else png(draw(env.worlds, 0))
 
 
 def _scene(worlds: Worlds, w: int) -> Scene:

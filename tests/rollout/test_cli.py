@@ -284,11 +284,11 @@ LINES = {
     f"{FEW} --others noop --ray": "outlast: --others plays on one machine: leave it out with --ray",
     "layout nowhere --out x.png": "layout nowhere: No such file or directory; maze, rooms, pillars",
     "layout maze --out x.gif": "x.gif: layouts are written as NAME.png or NAME.html or NAME.json",
-    "layout maze --size 9999 --out x.png": "--size 9999: pixels from 64 to 4096",
+    "layout maze --size 9999 --out x.png": "size = 9999: 64 to 4096 pixels",
     "layout maze --size 200 --out x.html": "--size 200 is for pictures",
     "layout maze --worlds 2 --out x.json": "is for the floor plan of one world",
     "layout maze --out /nowhere/x.json": "/nowhere/x.json cannot be written: there is no folder",
-    "layout maze --worlds 100000 --out x.png": "are 124264 pixels wide; at most 16384 are possible",
+    "layout maze --worlds 100000 --out x.png": "a mosaic of 316x317 pictures of 384 pixels is wider than 16384",
     "layout x.json --out x.json": "LAYOUT and --out are both x.json: give another name for one",
     "rollout ffa_1 --layout /dev/null": "/dev/null is no floor plan: a drawing of 0 x 0 characters",
 }
@@ -417,7 +417,7 @@ def test_layouts_are_drawn_and_written_down(capsys, tmp_path: Path) -> None:
     assert (one.shape, two.shape) == ((384, 384, 3), (384, 384, 3))
     assert (one != two).any(-1).mean() < 0.02  # who starts where is drawn by another mechanic
     assert run(capsys, "layout", "pillars", "--worlds", 3, "--out", tmp_path / "three.png")[0] == 0
-    assert cv2.imread(str(tmp_path / "three.png")).shape == (776, 776, 3)
+    assert cv2.imread(str(tmp_path / "three.png")).shape == (771, 771, 3)
     assert run(capsys, "layout", "rooms", "--worlds", 2, "--out", tmp_path / "rooms.html")[0] == 0
     assert "<title>rooms: ffa_3-with_rooms" in (tmp_path / "rooms.html").read_text()
 

@@ -46,22 +46,6 @@ def write_apng(path: Path, frames: Iterator[Image], fps: int) -> None:
         _control(file, total)
 
 
-def count_apng(path: Path) -> tuple[int, int, int]:
-    """Return the number of frames, height and width of an animated PNG. ValueError if it is not complete."""
-    with path.open("rb") as file:
-        if file.read(len(SIGNATURE)) != SIGNATURE:
-            raise ValueError("it does not begin as a PNG does")
-        frames = promised = height = width = 0
-        while (kind := (chunk := _read(file))[0]) != b"IEND":
-            if kind == b"IHDR":
-                width, height = struct.unpack(">II", chunk[1][:8])
-            promised = struct.unpack(">II", chunk[1])[0] if kind == b"acTL" else promised
-            frames += kind == b"fcTL"
-    if frames != promised:
-        raise ValueError(f"it holds {frames} frames and promises {promised}")
-    return frames, height, width
-
-
 def _changed(before: Image | None, frame: Image) -> tuple[int, int, Image]:
     """Return top, left and pixels of the smallest rectangle with all that is new; one pixel if nothing is new."""
     if before is None:
@@ -90,14 +74,3 @@ def _control(file: IO[bytes], total: int) -> None:
 
 def _chunk(file: IO[bytes], kind: bytes, data: bytes) -> None:
     file.write(struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data)))
-
-
-def _read(file: IO[bytes]) -> tuple[bytes, bytes]:
-    head = file.read(8)
-    if len(head) < 8:
-        raise ValueError("it ends too early")
-    (length,), kind = struct.unpack(">I", head[:4]), head[4:]
-    data = file.read(length)
-    if file.read(4) != struct.pack(">I", zlib.crc32(kind + data)):
-        raise ValueError(f"its chunk {kind.decode('latin1')} is damaged")
-    return kind, data

@@ -20,8 +20,8 @@ from ...errors import FilmError, install
 from ...progress import Messages
 from ...storage.interrupts import children_awaited
 from .. import opencv as cv2
-from ..canvas import Image
-from .apng import count_apng, write_apng
+from ..canvas import Image, png
+from .apng import write_apng
 
 FASTEST_GIF = 50  # frames per second; browsers slow down faster ones
 LARGEST, LARGEST_VP8 = 2**14, 2**14 - 2  # pixels: the longest sides that H.264 and VP8 allow
@@ -57,7 +57,7 @@ def write_folder(path: Path, frames: Iterator[Image], fps: int) -> None:
     """Write numbered PNGs to a new folder; fps is not kept."""
     path.mkdir()
     for k, frame in enumerate(frames):
-        (path / f"frame_{k:06}.png").write_bytes(cv2.imencode(".png", frame[..., ::-1])[1].tobytes())
+        (path / f"frame_{k:06}.png").write_bytes(png(frame))
 
 
 def write_webm(path: Path, frames: Iterator[Image], fps: int) -> None:
@@ -178,7 +178,7 @@ CODECS = {
     ".mp4": Codec(write_mp4, read_video, even=True, extra=True),
     ".webm": Codec(write_webm, read_video, even=True, largest=LARGEST_VP8),
     ".gif": Codec(write_gif, read_video, extra=True, fastest=FASTEST_GIF),
-    ".apng": Codec(write_apng, count_apng),
+    ".apng": Codec(write_apng, read_video),
 }
 """By the suffix of the path; without one it is a folder of pictures."""
 

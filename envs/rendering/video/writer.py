@@ -17,7 +17,7 @@ from ...storage import atomic_write
 from ...storage.interrupts import interrupts_held
 from ...storage.outputs import check_file, check_folder
 from ..canvas import Image
-from ..modes import FPS
+from ..rgb import FPS
 from .codecs import CODECS, Codec, find_ffmpeg
 
 NUMBERED = re.compile(r"frame_\d{6,}\.png")
