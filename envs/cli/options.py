@@ -25,7 +25,6 @@ from ..scenarios.roles_file import with_roles
 from ..scenarios.scenario import Scenario
 from ..storage.limited_read import read_text
 from ..storage.outputs import check_file
-from ..web.announce import announce as announced
 from ..web.gate import checked_place
 from .grammar import Parser
 
@@ -220,11 +219,6 @@ def given_options(options: argparse.Namespace, kind: Any) -> dict[str, Any]:
     flags = {name: flag_of(name, own) for name, own in options_of(kind).items() if own.group}
     found = {name: getattr(options, flag.removeprefix("--").replace("-", "_")) for name, flag in flags.items()}
     return {name: not value if default_of(kind, name) is True else value for name, value in found.items()}
-
-
-def announce(options: argparse.Namespace, text: str, address: str) -> None:
-    """Print what is to be seen at an address, and open it in a browser unless that is not wanted."""
-    announced(text, address, not options.no_browser)
 
 
 def add_quiet(command: Parser) -> None:

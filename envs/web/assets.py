@@ -10,26 +10,8 @@ from collections.abc import Sequence
 from importlib.resources import files
 from typing import Any
 
-from ..rendering.style import (
-    BLACK,
-    BLUE,
-    BOX,
-    DYING,
-    EXTRA,
-    FLOOR,
-    HEAL,
-    HURT,
-    INK,
-    RIM,
-    SIZES,
-    STRIKE,
-    UNSAFE,
-    WALL,
-    WHITE,
-    WHOLE,
-    css,
-    mix,
-)
+from ..rendering import style
+from ..rendering.style import BLACK, BLUE, FLOOR, INK, RIM, SIZES, UNSAFE, WALL, WHITE, css, mix
 
 SHARED = (
     "dom.js",
@@ -46,19 +28,8 @@ ICON = (
     f"fill='{css(BLUE)}' stroke='{css(INK)}'/%3E%3C/svg%3E"
 ).replace("#", "%23")
 
-COMMON = {
-    "heal": HEAL,
-    "strike": STRIKE,
-    "box": BOX,
-    "whole": WHOLE,
-    "hurt": HURT,
-    "dying": DYING,
-    "extra": EXTRA,
-    "white": WHITE,
-    "accent": BLUE,
-    "night": NIGHT,
-    "rim": RIM,
-}
+NAMES = ("HEAL", "STRIKE", "BOX", "WHOLE", "HURT", "DYING", "EXTRA", "WHITE", "RIM")
+COMMON = {name.lower(): getattr(style, name) for name in NAMES} | {"accent": BLUE, "night": NIGHT}
 THEMES = {
     "light": {
         "floor": FLOOR,
@@ -115,7 +86,7 @@ def assemble(
         connect: Where the scripts may connect to, as a source of the Content-Security-Policy; by default, nowhere.
         **others: Constants for the scripts, see `constants`.
     """
-    style = "\n".join(asset("replay", name) for name in styles)
+    sheet = "\n".join(asset("replay", name) for name in styles)
     script = "\n".join(['"use strict";', constants(**others), *(asset("replay", name) for name in scripts)])
     return string.Template(asset("replay", "page.html")).substitute(
         title=html.escape(title),
@@ -124,14 +95,14 @@ def assemble(
             [
                 "default-src 'none'",
                 f"script-src {_digest(script)}",
-                f"style-src {_digest(style)}",
+                f"style-src {_digest(sheet)}",
                 "img-src data:",
                 f"connect-src {connect}",
                 "base-uri 'none'",
                 "form-action 'none'",
             ]
         ),
-        style=style,
+        style=sheet,
         script=script,
         data=data,
     )

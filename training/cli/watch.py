@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from outlast.envs.api.options import PageOptions
-from outlast.envs.cli.options import add_import, add_options, announce, import_files, printable
+from outlast.envs.cli.options import add_import, add_options, import_files, printable
+from outlast.envs.web.announce import announce
 
 from ..base import run_header
 from ..base.errors import TrainingError, needed
@@ -49,7 +50,9 @@ def run(options: argparse.Namespace) -> int:
     recorder.start()
     try:
         with serving(watcher, printable(str(folder.resolve().name)), site) as address:
-            announce(options, f"{name}: its newest policy plays at {address}\nCtrl-C ends this.", address)
+            announce(
+                f"{name}: its newest policy plays at {address}\nCtrl-C ends this.", address, not options.no_browser
+            )
             while not stop.wait(1):  # on Windows, Ctrl-C does not end a longer wait
                 pass
     except KeyboardInterrupt:

@@ -3,13 +3,11 @@
 import logging
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
-from email.utils import formatdate
 from http import HTTPStatus
 from string import Template
 from typing import Any
 
 from websockets.asyncio.server import ServerConnection, serve
-from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
 from ..assets import ICON, SHARED, STYLE, asset, constants
@@ -47,28 +45,29 @@ async def answering(session: Session, site: Site) -> AsyncIterator[Gate]:
             """Return the answer to a request; None to go on with the handshake of a websocket."""
             path = gate.path(request)
             if path is None:
-                return response(HTTPStatus.FORBIDDEN, REFUSED.encode())
+                return _answered(connection, HTTPStatus.FORBIDDEN, REFUSED)
             # older versions of websockets have no `method`: they only accept GET
             if getattr(request, "method", "GET") != "GET":
-                return response(HTTPStatus.METHOD_NOT_ALLOWED, b"GET only.\n", extra=gate.headers() | {"Allow": "GET"})
+                headers = gate.headers() | {"Allow": "GET"}
+                return _answered(connection, HTTPStatus.METHOD_NOT_ALLOWED, "GET only.\n", **headers)
             if path == LIVE:
                 return None
             name = path or "index.html"
             if name not in parts:
-                return response(HTTPStatus.NOT_FOUND, b"There is no such file.\n", extra=gate.headers())
-            return response(HTTPStatus.OK, parts[name], KINDS[name.rpartition(".")[2]], gate.headers())
+                return _answered(connection, HTTPStatus.NOT_FOUND, "There is no such file.\n", **gate.headers())
+            return _answered(connection, HTTPStatus.OK, parts[name], KINDS[name.rpartition(".")[2]], **gate.headers())
 
         async with serve(session.serve_page, sock=listener, process_request=answer, **_limits()):
             yield gate
 
 
-def _parts() -> dict[str, bytes]:
+def _parts() -> dict[str, str]:
     """Return the page's files by name; index.html is the page."""
     parts = {name: asset("play", name) for name in STYLES} | {"constants.js": constants(SPEEDS=SPEEDS)}
     parts |= {name: f'"use strict";\n{asset("play", name)}' for name in SCRIPTS}
     tags = (f'<script src="{name}"></script>' for name in ("constants.js", *SCRIPTS))
     parts["index.html"] = Template(asset("play", "play.html")).substitute(icon=ICON, scripts="\n".join(tags))
-    return {name: text.encode() for name, text in parts.items()}
+    return parts
 
 
 def _limits() -> dict[str, Any]:
@@ -83,14 +82,11 @@ def _is_handler_error(record: logging.LogRecord) -> bool:
     return record.msg == "connection handler failed"
 
 
-def response(
-    status: HTTPStatus, body: bytes, kind: str = "text/plain", extra: dict[str, str] | None = None
+def _answered(
+    connection: ServerConnection, status: HTTPStatus, text: str, kind: str = "text/plain", **extra: str
 ) -> Response:
-    """Return an answer after which the connection is closed."""
-    headers = {
-        "Date": formatdate(usegmt=True),
-        "Connection": "close",
-        "Content-Length": str(len(body)),
-        "Content-Type": f"{kind}; charset=utf-8",
-    }
-    return Response(status, status.phrase, Headers(headers | (extra or {})), body)
+    """Return an answer after which the connection is closed. extra: more headers."""
+    found = connection.respond(status, text)
+    del found.headers["Content-Type"]
+    found.headers.update({"Content-Type": f"{kind}; charset=utf-8", **extra})
+    return found

@@ -3,13 +3,14 @@
 import asyncio
 import contextlib
 import json
+from typing import Any
 
 from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
 
 from ...errors import MessageError
 from .game import Game
-from .messages import STEER, Command, Message, Speed, SteerMessage, parse
+from .messages import STEER, parse
 
 MAX_PAGES = 8
 POLICY_VIOLATION, TRY_AGAIN_LATER = 1008, 1013  # RFC 6455, section 7.4.1, and the IANA registry
@@ -62,7 +63,7 @@ class Session:
                 except MessageError as error:
                     await page.close(POLICY_VIOLATION, str(error))
                     return
-                if message == Command(STEER):
+                if message == {"command": STEER}:
                     self._lead(page)
                 elif page is self.pages[0]:
                     self._apply(message)
@@ -80,15 +81,14 @@ class Session:
                 await page.send(json.dumps(self.game.state() | role))
                 await update.wait()
 
-    def _apply(self, message: Message) -> None:
-        game = self.game
+    def _apply(self, message: dict[str, Any]) -> None:
         match message:
-            case SteerMessage(held, tapped):
-                game.hold(held, tapped)
-            case Speed(times):
+            case {"held": held, "tapped": tapped}:
+                self.game.hold(held, tapped)
+            case {"speed": times}:
                 self.speed = times
-            case Command(name):
-                {"begin": game.begin, "pause": game.pause, "resume": game.resume, "restart": game.restart}[name]()
+            case {"command": name}:  # a method of Game, see COMMANDS
+                getattr(self.game, name)()
         self._notify()
 
     def _lead(self, page: ServerConnection) -> None:
