@@ -20,8 +20,7 @@ from ..rollout.lineup import checked_entries, parse_lineup
 from ..scenarios.derivation import by_full_name
 from ..scenarios.floor_plan import LAYOUT, named_layout
 from ..scenarios.imports import module_of
-from ..scenarios.parse import distribution, mechanic, resolve
-from ..scenarios.roles_file import with_roles
+from ..scenarios.parse import distribution, mechanic, resolve, with_roles
 from ..scenarios.scenario import Scenario
 from ..storage.limited_read import read_text
 from ..storage.outputs import check_file

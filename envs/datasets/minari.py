@@ -22,7 +22,7 @@ from ..core.observations import Observations
 from ..errors import RecordingError, install
 from ..levels import Level, decoded, encoded
 from ..recording import Replay
-from ..scenarios.serialize import rebuilt
+from ..scenarios.fingerprint import rebuilt
 from ..storage import atomic_write
 from ..storage.outputs import check_folder
 from .samples import DatasetSamples, Selection, concatenate, manifest, read_samples

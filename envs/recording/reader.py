@@ -13,11 +13,10 @@ import numpy as np
 from outlast.ecs import RESET, EngineError
 
 from ..errors import RecordingError, ScenarioError
-from ..scenarios.fingerprint import difference, fingerprint, is_fingerprint, is_word
+from ..scenarios.fingerprint import classes, difference, fingerprint, is_fingerprint, is_word, planned, rebuilt
 from ..scenarios.mechanics import foreign
 from ..scenarios.parse import resolve
 from ..scenarios.scenario import Scenario
-from ..scenarios.serialize import classes, planned, rebuilt
 from ..storage import strict_json
 from .container import DONE, HEAD, RECORDS, Chunk, damaged, read_chunks, read_content
 from .policy_record import is_policy, policy_dtype

@@ -18,9 +18,8 @@ from outlast.ecs import RESET, STEP, Clock, Worlds
 from outlast.ecs.memory.numbers import GIVEN_WORDS, Given
 
 from ..errors import RecordingError
-from ..scenarios.fingerprint import fingerprint
+from ..scenarios.fingerprint import classes, fingerprint
 from ..scenarios.scenario import Scenario
-from ..scenarios.serialize import classes
 from ..storage.atomic_write import add, remove, temporary_path
 from ..storage.interrupts import interrupts_held
 from ..storage.outputs import check_file

@@ -1,17 +1,23 @@
-"""Identity of a game in files: the scenario's name, numbers and order, and the code of users' mechanics."""
+"""Identity of a game in files: the scenario's name, numbers and order, and the code of users' mechanics.
+
+A fingerprint and the names of the classes of its mechanics make the scenario again.
+"""
 
 import json
 from collections.abc import Iterator
 from typing import Any
 
-from outlast.ecs import NumberError
+from outlast.ecs import MemoryLayout, NumberError
 from outlast.ecs.checks.code_hash import PYTHON, code_digest, full_name
 from outlast.ecs.declarations.distributions import MOST, NAMES
 from outlast.ecs.kernels.frozen_values import is_outside
 
+from ..errors import ScenarioError
+from .mechanics import rebuilt_mechanics
 from .scenario import Scenario
-from .varying_json import plain, roles_of
+from .varying_json import plain, restored, roles_of
 
+LARGEST = 2**22  # bytes of the state of one world at most
 LONGEST = 200  # characters of a name, and entries of an order, at most
 MORE = {  # optional entries of a fingerprint, and what they say
     "varied": "what numbers are drawn from",
@@ -130,3 +136,30 @@ def _code_differences(name: str, its: list[str] | None, mine: list[str] | None) 
         yield f"the code of {name} ({mine[0]}) was Python {its[1]}'s there, and not comparable to {mine[1]}'s here"
     elif its[2] != mine[2]:
         yield f"the code of the mechanic {name} ({mine[0]}) is another one there than here"
+
+
+def classes(scenario: Scenario) -> list[str]:
+    """Return the full names of the classes of its modules, in order."""
+    return sorted(full_name(type(module)) for module in scenario.modules)
+
+
+def rebuilt(fingerprint: dict[str, Any], names: list[str], strict: bool = True) -> Scenario:
+    """Make the scenario of a fingerprint and the full names of its classes. Raises errors like `rebuilt_mechanics`."""
+    modules = rebuilt_mechanics(sorted(names), fingerprint["numbers"], strict)
+    name = str(fingerprint.get("label") or fingerprint["name"])
+    order = tuple(map(tuple, fingerprint.get("order", ())))
+    return Scenario(name, modules, order=order, **restored(modules, fingerprint))
+
+
+def planned(scenario: Scenario) -> tuple[int, int]:
+    """Return how many agents a world has, and how many bytes it takes, while allocating next to nothing.
+
+    Raises ScenarioError if a world is absurdly large or has no agents, and the errors of MemoryLayout.
+    """
+    layout = MemoryLayout(scenario.modules, dict(scenario.varied), scenario.observed, scenario.by_role)
+    if "agents" not in layout.dims:
+        raise ScenarioError("it has no agents")
+    if layout.world_bytes > LARGEST:
+        raise ScenarioError(f"a world would have {layout.world_bytes} bytes of state: at most {LARGEST} is possible")
+    beside = sum(place.nbytes for place in layout.places if place.offset < 0)
+    return layout.dims["agents"], layout.world_bytes + beside

@@ -3,7 +3,8 @@
 import json
 import math
 import os
-from collections.abc import Iterable, Mapping, Sequence
+import textwrap
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from string import ascii_uppercase
@@ -22,13 +23,14 @@ from ..storage import strict_json
 from ..storage.atomic_write import atomic_write
 from ..storage.limited_read import read_text
 from .floor_parts import Part, parts_of
-from .plan_text import parsed
 
 Rectangle = tuple[float, float, float, float, float]
 FORMAT, VERSION = "outlast floor plan", 1
 KEYS = ("format", "version", "width", "height", "walls", "starts")
 MOST = 450  # rectangles at most, as physics takes at most 512 bodies
 LARGEST = 2**20  # bytes of a file at most
+BLANK = ". "  # floor, in a drawing
+LONGEST_LINE = 1000  # characters of a line of a drawing, and number of lines, at most
 EXAMPLE = "(x, y, width, height) or (x, y, width, height, angle), in metres and radians"
 
 
@@ -102,7 +104,7 @@ class FloorPlan:
         if taken := [sign for sign in kinds or () if len(sign) != 1 or sign in {*owners, *"#. "}]:
             raise ScenarioError(f"kinds has {taken[0]!r:.60}: signs are single characters other than # . * and A to Z")
         owners |= kinds or {}
-        rectangles, columns, rows = parsed(text, float(cell), {"#", *owners})
+        rectangles, columns, rows = _drawn(text, float(cell), {"#", *owners})
         walls = [place for sign, place in rectangles if sign == "#"]
         areas = [(sign, place) for sign, place in rectangles if sign != "#"]
         starts = [(owners[sign], *place) for sign, place in areas]
@@ -292,3 +294,55 @@ def _real(name: str, number: Any) -> float:
     if not math.isfinite(number):
         raise ScenarioError(f"{name} has {number!r}: a finite number is needed")
     return float(number)
+
+
+def _drawn(text: str, cell: float, signs: Collection[str]) -> tuple[list[tuple[str, Rectangle]], int, int]:
+    """Return the rectangles of each sign in a drawing.
+
+    Args:
+        text: The lines of the drawing; blank lines around them and their common indentation are ignored.
+        cell: Side of the square that a character stands for, metres.
+        signs: The characters that mean something, apart from those of floor.
+
+    Returns:
+        Sign and (x, y, width, height, angle) of each rectangle, metres; the drawing's numbers of columns and rows.
+
+    Raises:
+        ScenarioError: A character has no meaning, or there are no lines.
+    """
+    lines = [line.rstrip() for line in textwrap.dedent(text).splitlines()]
+    while lines and not lines[0]:
+        del lines[0]
+    while lines and not lines[-1]:
+        del lines[-1]
+    columns, rows = max(map(len, lines), default=0), len(lines)
+    if not 0 < columns <= LONGEST_LINE or rows > LONGEST_LINE:
+        raise ScenarioError(f"a drawing of {columns} x {rows} characters: 1 to {LONGEST_LINE} either way are needed")
+    grid = [list(line.ljust(columns)) for line in lines]
+    found = []
+    for row in range(rows):
+        for column in range(columns):
+            sign = grid[row][column]
+            if sign in BLANK:
+                continue
+            if sign not in signs:
+                raise ScenarioError(
+                    f"line {row + 1}, column {column + 1}: {sign!r} means nothing; # is a wall, . is floor, A to Z are "
+                    "where sides start, * where items do; other signs stand for kinds, as in kinds={'c': 'crate'}"
+                )
+            wide, high = _cut_out(grid, row, column, sign)
+            x, y = column + wide / 2 - columns / 2, rows / 2 - row - high / 2
+            found.append((sign, (x * cell, y * cell, wide * cell, high * cell, 0.0)))
+    return found, columns, rows
+
+
+def _cut_out(grid: list[list[str]], row: int, column: int, sign: str) -> tuple[int, int]:
+    """Cut a rectangle of a sign out of the grid, from here as far to the right as it goes, then as far down."""
+    wide = high = 1
+    while column + wide < len(grid[0]) and grid[row][column + wide] == sign:
+        wide += 1
+    while row + high < len(grid) and grid[row + high][column : column + wide] == [sign] * wide:
+        high += 1
+    for line in grid[row : row + high]:
+        line[column : column + wide] = "." * wide
+    return wide, high

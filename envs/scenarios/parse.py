@@ -1,10 +1,11 @@
-"""Scenarios, mechanics and distributions from what users type. This may import code, so it is never used for files."""
+"""Scenarios, mechanics, distributions and roles from what users type. This may import code: never use it for files."""
 
 import ast
 import dataclasses
 import difflib
 import functools
 import inspect
+import os
 import re
 from collections.abc import Callable, Collection, Iterable, Mapping
 from pathlib import Path
@@ -14,19 +15,22 @@ from outlast.ecs import Distribution, Module, NumberError
 from outlast.ecs.kernels.errors import did_you_mean
 
 from ..errors import KeywordError, ScenarioError
+from ..storage import strict_json
+from ..storage.limited_read import read_text
 from .ablations import ablated
 from .entry_points import installed, scenario_of_package
 from .imports import mechanic_in, scenario_in
 from .mechanics import imported
 from .scenario import Scenario
 from .variants import ALIASES, VARIANTS, variant
-from .varying_json import distribution_of
+from .varying_json import distribution_of, roles_of
 
 Params = ParamSpec("Params")
 Result = TypeVar("Result")
 NAME = re.compile(r"(?P<place>.+\.(py|json)|[^:+]*)(:(?P<name>[^:+]*))?(?P<ablations>(\+[^:+]*)*)")
 MECHANIC = re.compile(r"((?P<place>.+\.py|[\w.]+):)?(?P<name>\w+)(?P<numbers>\(.*\))?", re.DOTALL)
 OWN = "one of your own is FILE.py:NAME, package.module:NAME or FILE.json"
+ROLES = '{"drawn": "never", "roles": [{"name": "hunter", "count": 1, "numbers": {"melee_damage": 20}}, ...]}'
 
 
 def named(text: str) -> Scenario:
@@ -160,6 +164,29 @@ def distribution(text: str) -> Distribution:
             "'choice(1, 2, 3)'"
         ) from None
     return distribution_of(name, *values)
+
+
+def with_roles(scenario: Scenario, path: str | os.PathLike[str]) -> Scenario:
+    """Return the scenario with the roles in a file, which has the form ROLES; see varying_json.plain_roles.
+
+    Raises:
+        ScenarioError: The file cannot be read, or is something else.
+        NumberError: The roles are not possible in this scenario.
+    """
+    name = os.fspath(path)
+    try:
+        given = strict_json.parse(read_text(path))
+        found = roles_of(given)
+    except OSError as error:
+        raise ScenarioError(f"{name} cannot be read: {error.strerror}") from error
+    except strict_json.BROKEN as error:
+        said = f"{error}; " if isinstance(error, ValueError) else ""
+        raise ScenarioError(f"{name} does not say roles: {said}as in {ROLES}") from error
+    try:
+        named: Any = {each.name: each for each in found.roles}
+        return scenario.roles(drawn=found.drawn, **named)
+    except NumberError as error:
+        raise NumberError(f"{name}: {error}") from None
 
 
 def _literal(value: ast.expr) -> Any:

@@ -32,7 +32,6 @@ from .derivation import (
     numbers,
     titles,
 )
-from .mechanic_checks import check_mechanics, check_together
 from .scenario_json import added, arguments, as_form
 
 Number = float | str | Sequence[float]  # integers and bools, too: type checkers take them for floats
@@ -80,9 +79,9 @@ class Scenario:
 
     def __post_init__(self) -> None:
         modules = tuple(self.modules)
-        check_mechanics(self.name, modules)
+        _check_mechanics(self.name, modules)
         object.__setattr__(self, "modules", tuple(sorted(modules, key=lambda module: module.name)))
-        check_together(self.name, self.modules)
+        _check_together(self.name, self.modules)
         object.__setattr__(self, "policies", tuple(sorted(dict(self.policies).items())))
         for name, policy in dict(self.policies).items():
             if name not in STYLES or not callable(policy):
@@ -125,7 +124,7 @@ class Scenario:
             ScenarioError: An argument is not a mechanic.
             NumberError: A mechanic sets a number that every role sets.
         """
-        check_mechanics(self.name, modules)
+        _check_mechanics(self.name, modules)
         slots, given, before = {module.slot() for module in modules}, numbers(modules), self.numbers()
         varied = tuple(entry for entry in self.varied if entry[0] not in given)
         after = (*(m for m in self.modules if m.slot() not in slots), *modules)
@@ -427,3 +426,48 @@ class Scenario:
 def _is(module: Module, kind: Any) -> bool:
     """Return whether the module has that name, or is an instance of that class."""
     return module.name == kind or (isinstance(kind, type) and isinstance(module, kind))
+
+
+def _check_mechanics(scenario: str, modules: Iterable[Any]) -> None:
+    """Raise ScenarioError if one is not an instance of a mechanic. scenario: the name that errors begin with."""
+    for module in modules:
+        if not isinstance(module, Module):
+            raise ScenarioError(f"{scenario}: {module!r} is not a mechanic: pass an instance, as in Melee(damage=20)")
+
+
+def _check_together(scenario: str, modules: Sequence[Module]) -> None:
+    """Check that all mechanics can be in one scenario.
+
+    Args:
+        scenario: The name that errors begin with.
+        modules: Its mechanics.
+
+    Raises:
+        ScenarioError: Two take the same slot; two mechanics or numbers have the same name; or a number scales with one
+            that no imported mechanic has.
+    """
+    taken: dict[type, Module] = {}
+    owners: dict[str, Module] = {}
+    for module in modules:
+        other = taken.setdefault(module.slot(), module)
+        if other is not module:
+            names = " and ".join(sorted(type(each).__name__ for each in (other, module)))
+            raise ScenarioError(f"{scenario}: {names} exclude each other; use with_() to replace one by the other")
+    for module in modules:
+        for name in (module.name, *(f"{module.name}_{item.name}" for item in dataclasses.fields(module))):
+            if name in owners:
+                one, two = (f"{type(m).__module__}.{type(m).__qualname__}" for m in (owners[name], module))
+                raise ScenarioError(
+                    f"{scenario}: '{name}' is a name of both {one} and {two}; give one of the mechanics another "
+                    'name, a class attribute as in name = "swamp"'
+                )
+            owners[name] = module
+    for name, leader in leaders(modules).items():
+        if leader not in owners and leader not in _imported_numbers():
+            hint = did_you_mean(leader, owners, before="; ")
+            raise ScenarioError(f"{scenario}: {name} scales with '{leader}', which no mechanic has{hint}")
+
+
+def _imported_numbers() -> set[str]:
+    """Return the full names of all numbers of all mechanics that are imported."""
+    return {f"{kind.name}_{item.name}" for kind in Module.imported() for item in dataclasses.fields(kind)}

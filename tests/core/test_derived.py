@@ -12,8 +12,7 @@ from outlast import Scenario, role, variant
 from outlast.distributions import choice, integers, log_uniform, uniform
 from outlast.ecs import Module, NumberError, number
 from outlast.envs.errors import ScenarioError
-from outlast.envs.scenarios.fingerprint import difference, fingerprint
-from outlast.envs.scenarios.serialize import classes, rebuilt
+from outlast.envs.scenarios.fingerprint import classes, difference, fingerprint, rebuilt
 from outlast.systems import DropLast, SafeZone, Teams
 
 DUEL = variant("ffa_3")

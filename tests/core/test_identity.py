@@ -19,8 +19,7 @@ from outlast.ecs import Module, Singleton, column
 from outlast.ecs.checks.code_hash import _describe_value, code_digest
 from outlast.envs.errors import RecordingError, StateError
 from outlast.envs.recording import Recording
-from outlast.envs.scenarios.fingerprint import difference, fingerprint, is_fingerprint
-from outlast.envs.scenarios.serialize import classes, rebuilt
+from outlast.envs.scenarios.fingerprint import classes, difference, fingerprint, is_fingerprint, rebuilt
 from outlast.systems import Agents, Ending, FreeForAll, Motors, Rewards
 
 MINE = '''

@@ -16,9 +16,8 @@ from outlast.ecs import AgentRoles, NumberError, Rows, Write
 from outlast.envs.core.agents import side
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import StateError
-from outlast.envs.scenarios.fingerprint import difference, fingerprint, is_fingerprint
-from outlast.envs.scenarios.roles_file import with_roles
-from outlast.envs.scenarios.serialize import classes, rebuilt
+from outlast.envs.scenarios.fingerprint import classes, difference, fingerprint, is_fingerprint, rebuilt
+from outlast.envs.scenarios.parse import with_roles
 from outlast.envs.scenarios.varying_json import plain_roles, roles_of
 from outlast.systems import DropLast, Melee, Teams
 from tests.conftest import COMPILED, draw_actions, run, scaled

@@ -23,7 +23,7 @@ from outlast.envs.scenarios import hide_and_seek, transfer
 from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.envs.scenarios.mechanics import foreign
 from outlast.envs.scenarios.parse import mechanic, named
-from outlast.envs.scenarios.serialize import classes, rebuilt
+from outlast.envs.scenarios.fingerprint import classes, rebuilt
 from outlast.systems import DropLast, Maze, Teams
 
 

@@ -14,8 +14,8 @@ from outlast import Scenario, levels
 from outlast.distributions import choice, integers, log_uniform, uniform
 from outlast.ecs import DeclarationError, NumberError
 from outlast.envs.errors import FaultError
-from outlast.envs.scenarios.roles_file import with_roles
-from outlast.envs.scenarios.serialize import planned
+from outlast.envs.scenarios.fingerprint import planned
+from outlast.envs.scenarios.parse import with_roles
 from outlast.envs.scenarios.varying_json import plain_roles
 from outlast.errors import ScenarioError
 from outlast.levels import FloorPlan

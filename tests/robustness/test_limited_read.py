@@ -18,7 +18,7 @@ from outlast.envs.cli.main import main
 from outlast.envs.errors import MessageError, RecordingError, ScenarioError
 from outlast.envs.recording.container import DONE, HEAD, MAGIC, encode_chunk
 from outlast.envs.scenarios.floor_plan import FloorPlan
-from outlast.envs.scenarios.roles_file import with_roles
+from outlast.envs.scenarios.parse import with_roles
 from outlast.envs.storage import limited_read
 from outlast.envs.web.play import messages
 from outlast.training.base import curves

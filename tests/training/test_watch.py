@@ -36,8 +36,7 @@ from outlast.envs.errors import PlayError
 from outlast.envs.progress import Progress
 from outlast.envs.rendering import video
 from outlast.envs.rollout.saved import CHECKPOINT
-from outlast.envs.scenarios.fingerprint import difference, fingerprint
-from outlast.envs.scenarios.serialize import classes
+from outlast.envs.scenarios.fingerprint import classes, difference, fingerprint
 from outlast.training.base import policy_file
 from outlast.training.base.errors import TrainingError
 from outlast.training.base.log_file import HEADER, read_log

@@ -13,10 +13,9 @@ from outlast.envs.core.options import ChoicesBySide, check_options, default_of, 
 from outlast.envs.levels import Level
 from outlast.envs.rollout.policies import POLICIES as NAMED
 from outlast.envs.rollout.saved import MASKED, SAVED_AS, cameras_mode, is_saved, policy_file
-from outlast.envs.scenarios.fingerprint import fingerprint
+from outlast.envs.scenarios.fingerprint import classes, fingerprint
 from outlast.envs.scenarios.mechanics import imported_code
 from outlast.envs.scenarios.scenario import Scenario
-from outlast.envs.scenarios.serialize import classes
 
 from .annealing import Anneal
 from .errors import TrainingError

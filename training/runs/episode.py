@@ -10,9 +10,8 @@ from gymnasium.vector import AutoresetMode
 import outlast
 from outlast.ecs import Worlds
 from outlast.envs.rollout.memory import told
-from outlast.envs.scenarios.fingerprint import difference, fingerprint
+from outlast.envs.scenarios.fingerprint import difference, fingerprint, planned, rebuilt
 from outlast.envs.scenarios.scenario import Scenario
-from outlast.envs.scenarios.serialize import planned, rebuilt
 
 from ..base import policy_file, run_header
 from ..base.errors import TrainingError
