@@ -25,7 +25,7 @@ from ..scenarios.known_numbers import Numbers
 from ..scenarios.parse import checks_keywords, options_of, resolve
 from ..scenarios.scenario import Scenario
 from .options import STEPS, Looks
-from .rollout import worlds_of
+from .rollout import check_decided, worlds_of
 
 LOGGER = logging.getLogger(__name__)
 REPLAYED = 16  # worlds of a recording at most, by default
@@ -109,7 +109,7 @@ def film(
     check_film(out)
     looks, more = Looks(size, mosaic, views, every, fps), tuple(checked_layers(layers))
     if (recording := _recording(game)) is not None:
-        _refuse(policy=policy, others=others, seed=seed, **numbers)
+        check_decided("the recording", FilmError, policy=policy, others=others, seed=seed, **numbers)
         with contextlib.closing(Replay(recording)) as replay:
             shown, played = _replayed(replay, steps, worlds, looks)
             return write_film_of(out, replay.worlds, played, shown, looks, recording.scenario.name, progress, more)
@@ -222,12 +222,6 @@ def _recording(game: str | os.PathLike[str] | Scenario | Recording) -> Recording
     if place.endswith(RECORDINGS) or (os.path.dirname(place) and ":" not in place and not place.endswith(SOURCES)):
         raise FilmError(f"{name}: {'it is a folder' if os.path.isdir(name) else 'there is no such file'}")
     return None
-
-
-def _refuse(**given: object) -> None:
-    """Raise FilmError if options are given that a recording has decided."""
-    if decided := [name for name, value in given.items() if value is not None]:
-        raise FilmError(f"{', '.join(decided)}: the recording has that already; leave it out, or give a scenario")
 
 
 def _replayed(

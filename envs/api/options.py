@@ -188,7 +188,9 @@ class FilmOptions:
 class PageOptions:
     """The address of a page."""
 
-    port: int = option(0, PAGE, "port on which the page is served (default: 0, any free port)", metavar="PORT")
+    port: int = option(
+        0, PAGE, "port on which the page is served (default: 0, any free port)", metavar="PORT", least=0, most=65535
+    )
     host: str = option(
         HOST,
         PAGE,

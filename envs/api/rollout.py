@@ -16,7 +16,6 @@ from ..recording import record as record_env
 from ..rollout import local
 from ..rollout.against import Against
 from ..rollout.episode_file import Ended, episode_file, numbered
-from ..rollout.event_file import event_file
 from ..rollout.lineup import (
     Entries,
     Lineup,
@@ -32,7 +31,7 @@ from ..rollout.lineup import (
 from ..rollout.memory import check_memories
 from ..rollout.policies import Policy, plain
 from ..rollout.summary import Summary
-from ..rollout.table_file import check_table
+from ..rollout.table_file import check_table, event_file
 from ..scenarios.known_numbers import Numbers
 from ..scenarios.parse import checks_keywords, options_of, resolve
 from ..scenarios.scenario import Scenario
@@ -138,7 +137,7 @@ def rollout(
                     "rollout: the environment has autoreset_mode='Disabled', and worlds must go on by themselves: make "
                     "it with 'NextStep' or 'SameStep'"
                 )
-            _check_decided(worlds=worlds, seed=seed, threads=threads, **decided)
+            check_decided("the environment", UsageError, worlds=worlds, seed=seed, threads=threads, **decided)
             made = game, *players_in(game, policy, others)
         else:
             settings: dict[str, Any] = {"seed": seed or 0, "threads": threads or 1}
@@ -242,8 +241,8 @@ def prepared(
                 thought: dict[str, Any] = {"policy": thinks, "plays": plays} if record_policy else {}
                 stack.enter_context(record_env(env, record, episodes=0 if steps else episodes, **thought))
             if events is not None:
-                table = stack.enter_context(event_file(os.fspath(events), env.worlds.layout, env.first_world))
-                watchers.append(lambda where: table.add(with_episodes(env.events(), numbers), where))
+                add_events = stack.enter_context(event_file(os.fspath(events), env.worlds.layout, env.first_world))
+                watchers.append(lambda where: add_events(with_episodes(env.events(), numbers), where))
             ended: list[Ended[None]] = []
             if csv is not None:
                 ended.append(stack.enter_context(episode_file(os.fspath(csv), env, numbers, against)))
@@ -318,9 +317,7 @@ def _check_files(record: File | None, record_policy: bool, events: File | None, 
         check_table(csv, "episodes", typed=False)
 
 
-def _check_decided(**given: Any) -> None:
-    """Raise UsageError if options are given that an environment has decided."""
+def check_decided(what: str, error: type[Exception], **given: Any) -> None:
+    """Raise the error if options are given that a recording or an environment, `what`, has decided."""
     if decided := [name for name, value in given.items() if value is not None]:
-        raise UsageError(
-            f"rollout: {', '.join(decided)}: the environment has that already; leave it out, or give a scenario"
-        )
+        raise error(f"{', '.join(decided)}: {what} has that already; leave it out, or give a scenario")

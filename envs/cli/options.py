@@ -14,7 +14,7 @@ from typing import Any, TextIO
 from outlast.ecs import NumberError
 
 from ..core.options import GAME, OUTPUT, Option, default_of, flag_of, help_of, options_of
-from ..errors import PlayError, RecordingError, ScenarioError, UsageError
+from ..errors import RecordingError, ScenarioError, UsageError
 from ..progress import above_bars
 from ..rollout.lineup import checked_entries, parse_lineup
 from ..scenarios.derivation import by_full_name
@@ -24,7 +24,6 @@ from ..scenarios.parse import distribution, mechanic, resolve, with_roles
 from ..scenarios.scenario import Scenario
 from ..storage.limited_read import read_text
 from ..storage.outputs import check_file
-from ..web.gate import checked_place
 from .grammar import Parser
 
 MAX_SEED = 2**64 - 1
@@ -288,22 +287,6 @@ def nonnegative(text: str) -> int:
     return count(text, 0)
 
 
-def port(text: str) -> int:
-    """Return a port, or 0."""
-    if not text.isdecimal() or int(text) > 65535:
-        raise argparse.ArgumentTypeError(f"{text}: a port is needed, 1 to 65535, or 0 for a free one")
-    return int(text)
-
-
-def allowed(text: str) -> str:
-    """Return a place NAME:PORT at which browsers may reach a page."""
-    try:
-        checked_place(text)
-    except PlayError as error:
-        raise argparse.ArgumentTypeError(str(error)) from error
-    return text
-
-
 def seed(text: str) -> int:
     """Return an integer from 0 to 2**64 - 1."""
     return count(text, 0, MAX_SEED)
@@ -323,18 +306,12 @@ def count(text: str, least: int = 1, most: int = MAX_COUNT) -> int:
     return int(value)
 
 
-def _recording(path: str) -> None:
-    check_file(path, "recordings", RecordingError, new=True)
-
-
 # how the values of some options are parsed, by their names
 PARSED: dict[str, dict[str, Any]] = {
     "seed": {"type": seed},
     "policy": {"type": policy},
     "others": {"type": lineup},
-    "record": {"type": output(_recording)},
-    "port": {"type": port},
-    "allow_hosts": {"type": allowed},
+    "record": {"type": output(functools.partial(check_file, what="recordings", error=RecordingError, new=True))},
 }
 
 

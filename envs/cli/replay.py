@@ -5,6 +5,7 @@ import contextlib
 import logging
 import math
 from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,8 +18,7 @@ from ..errors import RecordingError, ReplayError
 from ..progress import Progress
 from ..recording import Recording, Replay
 from ..recording.selection import last_tick, rows_of
-from ..rollout.event_file import event_file
-from ..rollout.table_file import check_table
+from ..rollout.table_file import check_table, event_file
 from . import video_options
 from .options import add_import, add_number, add_quiet, import_files, nonnegative, path, printable
 from .options import output as written
@@ -61,7 +61,9 @@ def add(commands: Any) -> None:
     text += "place of a list for each kind"
     output.add_argument("--flat", action="store_true", help=text)
     text = "write a table of what happened to a new file, NAME.csv or NAME.parquet"
-    output.add_argument("--events", type=written(_check_events), metavar="FILE", help=text)
+    output.add_argument(
+        "--events", type=written(partial(check_table, what="events", typed=True)), metavar="FILE", help=text
+    )
     text = "numbers of the worlds to write, such as 0,3 (default: for --out the first 16, or as many as --mosaic has "
     text += "room for; for --html the first; otherwise all)"
     part.add_argument("--worlds", type=numbers, metavar="W,W", help=text)
@@ -84,10 +86,6 @@ def _check_data(path: str) -> None:
     from ..datasets.export import check_new
 
     check_new(path)
-
-
-def _check_events(path: str) -> None:
-    check_table(path, "events", typed=True)
 
 
 def numbers(text: str) -> list[int]:
@@ -196,9 +194,9 @@ def _events(options: argparse.Namespace, replay: Replay) -> int:
     worlds = replay.worlds
     chosen = np.isin(np.arange(worlds.count), shown)
     progress = Progress(options.last - options.first + 1, "ticks", quiet=options.quiet)
-    with event_file(options.events, worlds.layout, replay.recording.first_world) as file, progress:
+    with event_file(options.events, worlds.layout, replay.recording.first_world) as add, progress:
         for _ in progress.over(ticks):
-            file.add(replay.events(), chosen & (worlds.mode != SKIP))
+            add(replay.events(), chosen & (worlds.mode != SKIP))
     print(printable(options.events))
     return 0
 

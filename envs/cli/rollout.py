@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -53,8 +54,8 @@ def add(commands: Any) -> None:
     text = "run a policy in many worlds and print the episodes' statistics"
     command = commands.add_parser("rollout", help=text, description=description, examples=examples)
     add_scenario(command)
-    csv, events = ({"type": written(check)} for check in (_check_csv, _check_events))
-    add_options(command, RolloutOptions, csv=csv, events=events)
+    csv, events = (partial(check_table, what=what, typed=what == "events") for what in ("episodes", "events"))
+    add_options(command, RolloutOptions, csv={"type": written(csv)}, events={"type": written(events)})
     output = command.group(OUTPUT)
     text = "write the statistics and the options of the rollout to a new file, NAME.json; with -, print them instead "
     text += "of the table"
@@ -66,21 +67,10 @@ def add(commands: Any) -> None:
     command.set_defaults(run=run)
 
 
-def _check_csv(path: str) -> None:
-    check_table(path, "episodes", typed=False)
-
-
-def _check_events(path: str) -> None:
-    check_table(path, "events", typed=True)
-
-
-def _check_summary(path: str) -> None:
-    check_file(path, "summaries", UsageError, endings=(".json",), new=True)
-
-
 def _summary(text: str) -> str:
     """Return the file of a summary, or STDOUT."""
-    return text if text == STDOUT else written(_check_summary)(text)
+    check = partial(check_file, what="summaries", error=UsageError, endings=(".json",), new=True)
+    return text if text == STDOUT else written(check)(text)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -31,28 +31,16 @@ def rollout(
     watch: Callable[[Array], None] | None = None,
     ended: Callable[[Mapping[str, Any], Array], None] | None = None,
 ) -> Summary:
-    """Reset everything, play whole episodes, equally many in every world, and summarise them.
-
-    Worlds that have finished their episodes go on until all worlds have; their further episodes are not counted.
+    """Reset everything, and play and summarise as outlast.rollout does, which describes the arguments.
 
     Args:
         env: Worlds that restart by themselves.
-        policy: A function from the observations to the actions of all worlds. If it has a method `reset`, that is
-            called with the worlds in which an episode begins, bool (worlds,), before the policy acts there: first all
-            worlds, later those that restarted.
-        steps: Instead, take this many steps of every world, and count all episodes that end in them.
-        progress: Called after every step with the summary so far, the object that is returned in the end.
+        policy: See memory.told.
+        steps: See outlast.rollout.
+        progress: Likewise.
         episodes: How many episodes of each world; without effect if `steps` are given.
-        watch: Called after the reset and after every step with the worlds that still count, bool (worlds,). It can look
-            at the environment, at env.events() for example.
+        watch: See outlast.rollout. It can look at the environment, at env.events() for example.
         ended: Called when episodes end, with info and the worlds in which an ended episode counts, bool (worlds,).
-
-    Returns:
-        Means and standard errors of the statistics of the episodes.
-
-    Raises:
-        EndlessError: A world without a limit was in one episode for 100,000 steps. Not with `steps`.
-        KeyboardInterrupt: After Ctrl-C, with the summary so far as its argument.
     """
     summary = Summary(episodes_per_world=0 if steps else episodes)
     remaining = np.full(

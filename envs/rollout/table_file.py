@@ -1,17 +1,20 @@
-"""A file with one long table, .csv or .parquet, written row by row; in the end it is complete or not there."""
+"""Files with one long table, .csv or .parquet, written row by row; in the end one is complete or not there."""
 
 import contextlib
 import csv
 import io
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, BinaryIO, Protocol
+from typing import Any, BinaryIO
 
 import numpy as np
 
+from outlast.ecs import MemoryLayout
+
 from ..errors import UsageError, install
+from ..inspect.event_table import COLUMNS, event_table
 from ..storage.atomic_write import atomic_write
 from ..storage.interrupts import interrupts_held
 from ..storage.outputs import check_file
@@ -20,23 +23,14 @@ Array = np.ndarray[Any, Any]
 Table = Mapping[str, Array]
 
 TYPED = (".csv", ".parquet")  # endings of the files that tables can be written to
+EVENTS = {"world": "int64", "episode": "int64", "tick": "int64", "amount": "float64"}  # Arrow's types of columns
 ROWS = 100_000  # so many rows are kept in memory, and written together
-
-
-class TableWriter(Protocol):
-    """A writer of tables to a file."""
-
-    def write(self, table: Table) -> None:
-        """Write more rows."""
-
-    def close(self) -> None:
-        """Write the remaining rows."""
 
 
 class TableFile:
     """A file that rows are added to. Ctrl-C leaves no incomplete row."""
 
-    def __init__(self, writer: TableWriter) -> None:
+    def __init__(self, writer: "_Csv | _Parquet") -> None:
         self._writer = writer
         self._waiting: list[Table] = []
 
@@ -85,6 +79,25 @@ def table_file(
         raise UsageError(f"{path} exists, {error.strerror}") from error
     except OSError as error:
         raise UsageError(f"{path} cannot be written: {error.strerror or error}; there are no {what}") from error
+
+
+@contextlib.contextmanager
+def event_file(path: str, layout: MemoryLayout, first_world: int = 0) -> Iterator[Callable[..., None]]:
+    """Open a new file for events. Columns: see inspect.event_table.COLUMNS.
+
+    Args:
+        path: NAME.csv or NAME.parquet.
+        layout: The layout of the worlds.
+        first_world: Number of the first world.
+
+    Yields:
+        A function that adds the events of a step, as returned by env.events(), of some worlds, bool (worlds,).
+
+    Raises:
+        UsageError: See table_file.
+    """
+    with table_file(path, "events", list(COLUMNS), EVENTS) as table:
+        yield lambda events, where: table.add(event_table(layout, events, first_world, where))
 
 
 def check_table(path: str | os.PathLike[str], what: str, typed: bool) -> Path:

@@ -12,7 +12,7 @@ import outlast
 from outlast.envs.errors import RecordingError
 from outlast.envs.recording import Recording, Replay, recorder
 from outlast.envs.recording.container import HEAD, MAGIC, RECORDS, encode_chunk, read_chunks, read_content
-from outlast.envs.rollout import random_policy
+from outlast.envs.rollout.policies import random_policy
 from tests.conftest import run
 from tests.helpers.thinker import ENTITIES, Thinker
 

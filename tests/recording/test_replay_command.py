@@ -14,7 +14,8 @@ from outlast.components import Health
 from outlast.envs.errors import RecordingError
 from outlast.envs.recording import Replay
 from outlast.envs.recording.container import RECORDS
-from outlast.envs.rollout import random_policy, rollout
+from outlast.envs.rollout.local import rollout
+from outlast.envs.rollout.policies import random_policy
 from outlast.envs.web.replay.write import record_ticks
 from tests.conftest import run
 

@@ -287,7 +287,7 @@ def test_others_are_counted_in_the_summary() -> None:
 def test_what_an_environment_has_decided_is_refused() -> None:
     env = outlast.make_vec("ffa_2", 2, seed=0)
     for given, name in (({"worlds": 3}, "worlds"), ({"seed": 0}, "seed"), ({"melee_damage": 3}, "melee_damage")):
-        with pytest.raises(UsageError, match=f"rollout: {name}: the environment has that already"):
+        with pytest.raises(UsageError, match=f"{name}: the environment has that already"):
             outlast.rollout(env, "random", **given)
     env.close()
     with pytest.raises(UsageError, match="steps and episodes exclude each other"):

@@ -10,7 +10,7 @@ import outlast
 from outlast.components import Reward
 from outlast.ecs import Clock
 from outlast.envs.errors import PageError, RecordingError
-from outlast.envs.rollout import random_policy, scripted_policy
+from outlast.envs.rollout.policies import random_policy, scripted_policy
 from outlast.systems import Respawn
 from tests.conftest import run
 from tests.helpers.thinker import Thinker
