@@ -23,10 +23,10 @@ import numpy as np
 import outlast
 from outlast.components import Bag, Body, Item, Shape
 from outlast.components.hide_and_seek import Doors
+from outlast.drawing import LAYERS, CamerasLayer, LidarLayer, Scene
 from outlast.ecs import Entity
 from outlast.envs.cli.main import main as outlast_command
 from outlast.envs.core.vector_env import SurvivalVectorEnv
-from outlast.envs.rendering.layers import LAYERS, CamerasLayer, LidarLayer, Scene
 from outlast.envs.rendering.rgb import draw
 from outlast.envs.rollout.policies import POLICIES
 from outlast.envs.scenarios.hide_and_seek import HIDE_2V2

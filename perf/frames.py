@@ -19,8 +19,8 @@ import numpy as np
 from tqdm import tqdm
 
 from outlast import make_vec
+from outlast.drawing import FILM_LAYERS, LAYERS, CamerasLayer, Layer
 from outlast.ecs import Worlds
-from outlast.envs.rendering.layers import FILM_LAYERS, LAYERS, CamerasLayer, Layer
 from outlast.envs.rendering.rgb import draw
 from outlast.envs.rendering.video import write_film
 from outlast.envs.rendering.video.codecs import CODECS

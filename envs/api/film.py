@@ -14,8 +14,10 @@ from ..core.validation import check_count
 from ..errors import FilmError
 from ..recording import Recording, Replay
 from ..recording.selection import last_tick, rows_of
-from ..rendering.layers import FILM_LAYERS, Layer, Scene, select
+from ..rendering.layers import FILM_LAYERS, select
+from ..rendering.layers.layer import Layer
 from ..rendering.rgb import FPS, checked_layers
+from ..rendering.scene import Scene
 from ..rendering.video import footage, write_film
 from ..rendering.video.footage import check_pictures
 from ..rendering.video.writer import check_film, ending

@@ -13,8 +13,9 @@ from outlast.ecs import Component, Entity, Worlds, checked_worlds
 from outlast.ecs.kernels.integers import is_whole
 
 from .canvas import LARGEST, SMALLEST, Canvas, Image, png
-from .layers import LAYERS, Layer, Scene
-from .layers.layer import Strip, paint, paint_strips
+from .layers import LAYERS
+from .layers.layer import Layer, Strip, paint, paint_strips
+from .scene import Scene
 from .style import WALL
 
 RENDER_MODES = ("rgb_array", "ansi")  # of environments

@@ -12,10 +12,7 @@ from gymnasium.vector import AutoresetMode
 
 from outlast import film, make_vec, record, variant
 from outlast.components import Body, End, Episode, Health, Kills, Score, Shape
-from outlast.ecs import Clock, Entity, Worlds
-from outlast.envs.rendering import style as colors
-from outlast.envs.rendering.canvas import Canvas
-from outlast.envs.rendering.layers import (
+from outlast.drawing import (
     FILM_LAYERS,
     LAYERS,
     EndLayer,
@@ -28,6 +25,9 @@ from outlast.envs.rendering.layers import (
     Strip,
     TitleStrip,
 )
+from outlast.ecs import Clock, Entity, Worlds
+from outlast.envs.rendering import style as colors
+from outlast.envs.rendering.canvas import Canvas
 from outlast.envs.rendering.layers.captions import MIDDLE
 from outlast.envs.rendering.layers.end import winner
 from outlast.envs.rendering.layers.layer import paint

@@ -12,13 +12,8 @@ import pytest
 
 from outlast import make_vec, variant
 from outlast.components import Died
-from outlast.ecs import Clock, Entity
-from outlast.envs.errors import FilmError, ScenarioError
-from outlast.envs.rendering import style as colors
-from outlast.envs.rendering.canvas import Canvas
-from outlast.envs.rendering.layers import (
+from outlast.drawing import (
     FILM_LAYERS,
-    FILM_LAYERS_BY_NAME,
     LAYERS,
     CamerasLayer,
     HitsLayer,
@@ -29,6 +24,11 @@ from outlast.envs.rendering.layers import (
     StepCounterLayer,
     select,
 )
+from outlast.ecs import Clock, Entity
+from outlast.envs.errors import FilmError, ScenarioError
+from outlast.envs.rendering import style as colors
+from outlast.envs.rendering.canvas import Canvas
+from outlast.envs.rendering.layers import FILM_LAYERS_BY_NAME, LAYERS_BY_NAME
 from outlast.envs.rendering.rgb import draw
 from tests.helpers.scenario_builder import ScenarioBuilder, duel
 from tests.rendering.test_layers import HALF, SIZE, spot
@@ -186,7 +186,7 @@ def test_unknown_names_are_refused_with_those_that_there_are(asked: str, hint: s
 
 
 OWN = """
-from outlast.envs.rendering.layers import LAYERS, Layer
+from outlast.drawing import LAYERS, Layer
 
 class Marsh(Layer):
     pass

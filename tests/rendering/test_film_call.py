@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import outlast
+from outlast.drawing import FILM_LAYERS, CamerasLayer, select
 from outlast.envs.errors import FilmError, RecordingError, ReplayError, ScenarioError, UsageError
-from outlast.envs.rendering.layers import FILM_LAYERS, CamerasLayer, select
 from outlast.envs.rendering.video.codecs import CODECS
 from outlast.envs.rendering.video.footage import footage
 from outlast.envs.rollout.local import ticks

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from outlast import make_vec
+from outlast.drawing import LAYERS, AgentsLayer, RoomLayer
 from outlast.ecs import Clock
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import FilmError
-from outlast.envs.rendering.layers import LAYERS, AgentsLayer, RoomLayer
 from outlast.envs.rendering.rgb import draw
 from outlast.envs.rendering.video.footage import footage, near_square
 from outlast.envs.rollout.local import ticks

@@ -11,12 +11,7 @@ import pytest
 from outlast import make_vec, role, variant
 from outlast.components import Guard, Zone
 from outlast.distributions import choice
-from outlast.ecs import Entity
-from outlast.envs.errors import FilmError
-from outlast.envs.inspect.world_json import describe
-from outlast.envs.rendering import style as colors
-from outlast.envs.rendering.canvas import Canvas
-from outlast.envs.rendering.layers import (
+from outlast.drawing import (
     LAYERS,
     AgentsLayer,
     CamerasLayer,
@@ -27,6 +22,11 @@ from outlast.envs.rendering.layers import (
     MeleeLayer,
     SafeZoneLayer,
 )
+from outlast.ecs import Entity
+from outlast.envs.errors import FilmError
+from outlast.envs.inspect.world_json import describe
+from outlast.envs.rendering import style as colors
+from outlast.envs.rendering.canvas import Canvas
 from outlast.envs.rendering.rgb import draw
 from outlast.systems import Preparation
 from tests.helpers.scenario_builder import ScenarioBuilder, duel

@@ -12,10 +12,7 @@ import pytest
 
 from outlast import Scenario, make_vec, systems, variant
 from outlast.components import Bag, Body, Died, Heal, Health, Look, Strike, Weapon, Zone
-from outlast.ecs import RESET, Clock, Entity, Module, Worlds
-from outlast.envs.errors import FilmError
-from outlast.envs.rendering.canvas import Canvas
-from outlast.envs.rendering.layers import (
+from outlast.drawing import (
     LAYERS,
     CamerasLayer,
     Layer,
@@ -25,6 +22,9 @@ from outlast.envs.rendering.layers import (
     Scene,
     ZOrder,
 )
+from outlast.ecs import RESET, Clock, Entity, Module, Worlds
+from outlast.envs.errors import FilmError
+from outlast.envs.rendering.canvas import Canvas
 from outlast.envs.rendering.rgb import draw, text
 from outlast.envs.rendering.video import footage
 from outlast.levels import FloorPlan

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from outlast.components import Body, Shape, Sight
+from outlast.drawing import CamerasLayer
 from outlast.ecs import Entity
 from outlast.ecs.kernels.simd import SIMD_WIDTH
 from outlast.envs.rendering import style as colors
-from outlast.envs.rendering.layers import CamerasLayer
 from outlast.envs.rendering.rgb import draw
 from outlast.envs.rendering.visibility import visible_corners
 from tests.helpers.scenario_builder import ScenarioBuilder

@@ -8,10 +8,10 @@ import pytest
 
 import outlast
 from outlast.components import Body
+from outlast.drawing import LidarLayer, RoomLayer
 from outlast.envs.inspect.observation_text import observation_text
 from outlast.envs.inspect.world_json import describe, snapshot
 from outlast.envs.rendering import style as colors
-from outlast.envs.rendering.layers import LidarLayer, RoomLayer
 from outlast.envs.rendering.rgb import draw
 from outlast.envs.web.replay import write_page
 from outlast.envs.web.replay.pack import METRE, flat

@@ -17,7 +17,6 @@ from outlast.ecs.kernels.errors import did_you_mean
 
 from ...errors import FilmError
 from ...scenarios.imports import member_of, module_of
-from ..scene import Scene
 from .agents import AgentsLayer, IdsLayer
 from .boxes import BoxesLayer, BoxItemsLayer
 from .cameras import CamerasLayer
@@ -26,7 +25,7 @@ from .end import EndLayer
 from .heals import HealsLayer
 from .health import HealthBarsLayer
 from .inventory import InventoryLayer
-from .layer import Layer, Strip, ZOrder
+from .layer import Layer
 from .lidar import LidarLayer
 from .melee import HitsLayer, MeleeLayer
 from .others import LegendLayer, LooksLayer, OthersLayer
@@ -34,43 +33,6 @@ from .room import RoomLayer, WallsLayer
 from .scores import ScoresStrip
 from .title import TitleStrip
 from .zone import SafeZoneLayer
-
-__all__ = [
-    "FILM_LAYERS",
-    "FILM_LAYERS_BY_NAME",
-    "FILM_OPTIONAL",
-    "LAYERS",
-    "LAYERS_BY_NAME",
-    "OPTIONAL",
-    "AgentsLayer",
-    "BoxItemsLayer",
-    "BoxesLayer",
-    "CamerasLayer",
-    "EndLayer",
-    "FeedStrip",
-    "HealsLayer",
-    "HealthBarsLayer",
-    "HitsLayer",
-    "IdsLayer",
-    "InventoryLayer",
-    "KillFeedLayer",
-    "Layer",
-    "LegendLayer",
-    "LidarLayer",
-    "LooksLayer",
-    "MeleeLayer",
-    "OthersLayer",
-    "RoomLayer",
-    "SafeZoneLayer",
-    "Scene",
-    "ScoresStrip",
-    "StepCounterLayer",
-    "Strip",
-    "TitleStrip",
-    "WallsLayer",
-    "ZOrder",
-    "select",
-]
 
 LAYERS_BY_NAME: dict[str, Layer] = {
     "room": RoomLayer(),

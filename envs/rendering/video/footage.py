@@ -13,8 +13,10 @@ from outlast.ecs.kernels.integers import is_whole
 
 from ...errors import FilmError
 from ..canvas import LARGEST, SMALLEST, Canvas, Image
-from ..layers import LAYERS, EndLayer, Layer, TitleStrip
-from ..layers.title import LINE, digit, prefixes, write_ends
+from ..layers import LAYERS
+from ..layers.end import EndLayer
+from ..layers.layer import Layer
+from ..layers.title import LINE, TitleStrip, digit, prefixes, write_ends
 from ..rgb import draw
 from ..style import BLACK, INK
 
