@@ -44,6 +44,11 @@ def _seed(**more: Any) -> Any:
     return option(0, PLAY, text, metavar="N", least=0, most=2**64 - 1, **more)
 
 
+def _file(text: str, takes: str = "File | None = None") -> Any:
+    return option(None, OUTPUT, text, metavar="FILE", takes=takes)
+
+
+RECORD = "record every tick in a new file, for `outlast replay FILE`"
 OPPONENTS = "opponents of the policy, which plays one side, another one in each episode, while they play all others"
 
 
@@ -68,27 +73,11 @@ class RolloutOptions:
         python="Also as a dict: {policy: weight}. `outcomes` of the summary counts who wins against each.",
     )
     seed: int = _seed(takes="int | None = None")
-    csv: str | None = option(
-        None,
-        OUTPUT,
-        "write a table with a row for each episode and all its statistics to a new file, NAME.csv",
-        metavar="FILE",
-        takes="File | None = None",
+    csv: str | None = _file("write a table with a row for each episode and all its statistics to a new file, NAME.csv")
+    events: str | None = _file(
+        "write a table of events (who hit, killed, used, gave or broke what) to a new file, NAME.csv or NAME.parquet"
     )
-    events: str | None = option(
-        None,
-        OUTPUT,
-        "write a table of events (who hit, killed, used, gave or broke what) to a new file, NAME.csv or NAME.parquet",
-        metavar="FILE",
-        takes="File | None = None",
-    )
-    record: str | None = option(
-        None,
-        OUTPUT,
-        "record every tick in a new file, for `outlast replay FILE`",
-        metavar="FILE",
-        takes="File | None = None",
-    )
+    record: str | None = _file(RECORD)
     record_policy: bool = option(
         False,
         OUTPUT,
@@ -226,9 +215,7 @@ class PlayOptions:
         python="An episode begins at half that speed.",
         metavar="RATE",
     )
-    record: str | os.PathLike[str] | None = option(
-        None, OUTPUT, "record every tick in a new file, for `outlast replay FILE`", metavar="FILE"
-    )
+    record: str | os.PathLike[str] | None = _file(RECORD, takes="str | os.PathLike[str] | None = None")
 
 
 @dataclass(frozen=True)

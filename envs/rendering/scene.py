@@ -95,6 +95,13 @@ class Scene:
             found.append((x + a * cosine - b * sine, y + a * sine + b * cosine))
         return found
 
+    def rectangle(self, e: int) -> list[tuple[float, float]]:
+        """Return the corners of a rectangle where it is, counter-clockwise."""
+        body, x, y = self.body, self.shape.half_width[e], self.shape.half_height[e]
+        corner = complex(body.cosine[e], body.sine[e])
+        turned = [corner * complex(a, b) for a, b in ((-x, -y), (x, -y), (x, y), (-x, y))]
+        return [(body.x[e] + each.real, body.y[e] + each.imag) for each in turned]
+
     def least_half(self, e: int) -> float:
         """Return how far the middle of a body is from its nearest side, metres."""
         if corners := self.corners(e):

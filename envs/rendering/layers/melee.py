@@ -79,27 +79,7 @@ def _distance(scene: Scene, me: int, e: int, reach: float) -> float:
     if shape.radius[e] > 0:
         ahead -= math.sqrt(max(0, shape.radius[e] ** 2 - aside**2))
     else:
-        ahead = _edge(scene, me, e, ahead)
+        corners = np.array(scene.placed_corners(e) or scene.rectangle(e))
+        at = float(polygon_hits(np.array([[cosine, sine]]), corners, body.x[me], body.y[me])[0])
+        ahead = at if math.isfinite(at) else ahead
     return float(min(max(ahead, 0), reach))
-
-
-def _edge(scene: Scene, me: int, e: int, ahead: float) -> float:
-    """Return how far ahead of `me` the rectangle or polygon `e` begins; `ahead` if the line ahead misses it."""
-    body, shape = scene.body, scene.shape
-    if corners := scene.placed_corners(e):
-        ray = np.array([[body.cosine[me], body.sine[me]]])
-        at = float(polygon_hits(ray, np.array(corners), body.x[me], body.y[me])[0])
-        return at if math.isfinite(at) else ahead
-    x, y, cosine, sine = body.x[me] - body.x[e], body.y[me] - body.y[e], body.cosine[e], body.sine[e]
-    dx, dy = body.cosine[me], body.sine[me]
-    enter, leave = -math.inf, math.inf
-    for place, speed, half in (
-        (x * cosine + y * sine, dx * cosine + dy * sine, shape.half_width[e]),
-        (y * cosine - x * sine, dy * cosine - dx * sine, shape.half_height[e]),
-    ):
-        if speed:
-            near, far = sorted(((-half - place) / speed, (half - place) / speed))
-            enter, leave = max(enter, near), min(leave, far)
-        elif abs(place) > half:
-            return ahead
-    return enter if enter <= leave else ahead
