@@ -15,13 +15,13 @@ from gymnasium.vector import AutoresetMode
 from outlast.ecs import EngineError
 from outlast.ecs.kernels.integers import is_whole
 
+from ..core.validation import Array
 from ..core.vector_env import SurvivalVectorEnv
 from ..rollout.policies import random_policy
 from ..scenarios.parse import resolve
 from ..scenarios.scenario import Scenario
 from .make import make_vec
 
-Array = np.ndarray[Any, Any]
 Moment = dict[str, Array]  # the arrays that a step returns, by name: (worlds, ...)
 
 AS_PYTHON = (

@@ -13,7 +13,7 @@ from outlast.ecs.kernels.integers import is_whole
 from ..core.validation import check_count
 from ..errors import FilmError
 from ..recording import Recording, Replay
-from ..recording.selection import last_tick, rows_of
+from ..recording.reader import last_tick, rows_of
 from ..rendering.layers import FILM_LAYERS, select
 from ..rendering.layers.layer import Layer
 from ..rendering.rgb import FPS, checked_layers

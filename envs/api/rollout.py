@@ -8,7 +8,7 @@ from typing import Any, Unpack
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from ..core.validation import check_count
+from ..core.validation import Array, check_count
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import RecordingError, UsageError
 from ..inspect.event_table import with_episodes
@@ -40,7 +40,6 @@ from ..storage.outputs import check_file
 from .make import make_vec
 from .options import WORLDS
 
-Array = np.ndarray[Any, Any]
 File = str | os.PathLike[str]
 Progress = Callable[[Summary], None]
 Watch = Callable[[Array], None]

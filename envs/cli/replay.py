@@ -17,7 +17,7 @@ from ..core.options import MACHINE, OUTPUT
 from ..errors import RecordingError, ReplayError
 from ..progress import Progress
 from ..recording import Recording, Replay
-from ..recording.selection import last_tick, rows_of
+from ..recording.reader import last_tick, rows_of
 from ..rollout.table_file import check_table, event_file
 from . import video_options
 from .options import add_import, add_number, add_quiet, import_files, nonnegative, path, printable

@@ -9,8 +9,7 @@ from outlast.components import Side
 from outlast.ecs import Entity, Worlds
 
 from .spaces import statistic_dims
-
-Array = np.ndarray[Any, Any]
+from .validation import Array
 
 
 def alive(worlds: Worlds, where: Any = slice(None)) -> Array:

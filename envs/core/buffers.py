@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-Array = np.ndarray[Any, Any]
+from .validation import Array
 
 
 def flat_size(observations: Mapping[str, Array]) -> int:

@@ -11,8 +11,7 @@ from outlast.components import End, Fault, Reward, Unplaced
 from outlast.ecs import SKIP, Stepper, Worlds
 
 from ..errors import FaultError, NotResetError, ScenarioError
-
-Array = np.ndarray[Any, Any]
+from .validation import Array
 
 
 def check_playable(worlds: Worlds, name: str) -> None:

@@ -14,9 +14,7 @@ from ..errors import NotResetError
 from ..levels import Level, check_all
 from ..scenarios.derivation import by_full_name, numbers
 from ..scenarios.scenario import Scenario
-from .validation import world_mask
-
-Array = np.ndarray[Any, Any]
+from .validation import Array, world_mask
 
 
 def current_numbers(worlds: Worlds) -> dict[str, Any]:

@@ -26,7 +26,8 @@ from outlast.ecs.kernels.errors import did_you_mean
 from outlast.ecs.kernels.frozen_values import is_outside
 from outlast.ecs.memory.numbers import NumbersView
 
-Array = np.ndarray[Any, Any]
+from .validation import Array
+
 Ends = tuple[Array, Array]  # low, high
 Dims = tuple[int | str, ...]
 LARGEST = 8  # bytes of a number

@@ -7,7 +7,7 @@ import numpy as np
 from outlast.ecs import Clock, Worlds
 from outlast.ecs.declarations.event import EventMemory, entries
 
-Array = np.ndarray[Any, Any]
+from .validation import Array
 
 
 class StepEvents:

@@ -9,7 +9,8 @@ import numpy as np
 from outlast.ecs import CompiledUnits
 from outlast.ecs.kernels.jit import compiled, kernel, loader, storer
 
-Array = np.ndarray[Any, Any]
+from .validation import Array
+
 MASK, OWNER, INDEX, START = "_mask", "_owner", "_index", "_start"  # what follows the key of the rows
 KIND = 15  # numbers of a key: see `list_rows`
 word, read = loader("int64"), loader("float32")

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..core.observations import number_names
+from ..core.validation import Array
 from ..errors import RecordingError, install
 from ..recording import Replay
 from ..storage.atomic_write import atomic_write
@@ -20,7 +21,6 @@ try:
 except ModuleNotFoundError as error:
     raise ModuleNotFoundError(f".parquet files need pyarrow: {install('data')}", name=error.name) from error
 
-Array = np.ndarray[Any, Any]
 WORLDS = ("world", "episode", "tick")
 ENDS = ("terminated", "truncated", "last")
 RESERVED = {*WORLDS, "agent", "reward", "alive", *ENDS}

@@ -16,11 +16,10 @@ from outlast.ecs import RESET, STEP, Clock, Observation, Worlds
 
 from ..core.agents import alive, counts_vary, present
 from ..core.spaces import published
+from ..core.validation import Array
 from ..errors import RecordingError
 from ..recording import Recording, Replay
 from ..scenarios.fingerprint import fingerprint
-
-Array = np.ndarray[Any, Any]
 
 SHARD_BYTES = 2**26  # about so many bytes of samples are kept in memory and written together
 COLUMNS = {

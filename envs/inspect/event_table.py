@@ -9,7 +9,7 @@ import numpy as np
 from outlast.ecs import DeclarationError, Event, MemoryLayout
 from outlast.ecs.declarations.event import COUNT, TIMES
 
-Array = np.ndarray[Any, Any]
+from ..core.validation import Array
 
 COLUMNS = {
     "world": "number of the world",

@@ -2,13 +2,13 @@
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
 from outlast.ecs import Field, Fields, columns_of
 
-Array = np.ndarray[Any, Any]
+from ..core.validation import Array
+
 Lines = dict[str, list[str]]
 
 HEADINGS = {"box_items": "Broken boxes"}  # others are called like their keys

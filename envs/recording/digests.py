@@ -7,13 +7,12 @@ combining the halves hides that in one of 2**16 cases.
 """
 
 import hashlib
-from typing import Any
 
 import numpy as np
 
 from outlast.ecs import Component, Signal, Worlds
 
-Array = np.ndarray[Any, Any]
+from ..core.validation import Array
 
 WORLDS_PER_DIGEST = 64  # at most; the worlds of larger batches take turns
 SIGN_WORLDS = 8  # a digest also sums the upper halves of words of so many worlds, which take turns

@@ -14,12 +14,12 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from ..core.validation import Array
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import RecordingError
 from ..rollout.memory import Begins, tell
 from ..scenarios.fingerprint import is_word
 
-Array = np.ndarray[Any, Any]
 MAX_ENTRIES = 2**16  # an agent has at most so many probabilities, and so many rows
 
 

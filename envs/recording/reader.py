@@ -3,7 +3,7 @@
 import json
 import math
 import os
-from collections.abc import Generator
+from collections.abc import Generator, Iterable
 from importlib import import_module
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -11,6 +11,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from outlast.ecs import RESET, EngineError
+from outlast.ecs.kernels.integers import is_whole
 
 from ..errors import RecordingError, ScenarioError
 from ..scenarios.fingerprint import classes, difference, fingerprint, is_fingerprint, is_word, planned, rebuilt
@@ -102,8 +103,8 @@ class Recording:
         return f"<Recording {self.path}: {self.contents}{', cut off' if self.cut else ''}>"
 
     def _repr_html_(self) -> str:
-        """Return HTML for notebooks: a frame that plays the first world; see web.replay.notebook.frame."""
-        pages = import_module("outlast.envs.web.replay.notebook")  # imported here, as pages import this package
+        """Return HTML for notebooks: a frame that plays the first world; see web.replay.from_recordings.frame."""
+        pages = import_module("outlast.envs.web.replay.from_recordings")  # imported here, as pages import this package
         return str(pages.frame(self))
 
     def __len__(self) -> int:
@@ -220,3 +221,42 @@ def _import(header: dict[str, Any], name: str) -> None:
     if not foreign(header["modules"]):
         raise ScenarioError(f"all of its mechanics are outlast's own: leave out the scenario {name}")
     resolve(name)
+
+
+def last_tick(recording: Recording, first: int, last: int | None) -> int:
+    """Return the number of the last tick of a selection. Raises RecordingError if there are no such ticks.
+
+    Args:
+        recording: The recording.
+        first: Number of the first tick, from 0 on.
+        last: Number of the last tick; None: the last of the recording.
+    """
+    given: list[Any] = [first, 0 if last is None else last]
+    if strange := [tick for tick in given if not is_whole(tick)]:
+        raise RecordingError(f"tick {strange[0]!r}: whole numbers are needed, counted from 0")
+    if not len(recording):
+        raise RecordingError(f"{recording.path}: there is no tick in it")
+    most = len(recording) - 1
+    end = most if last is None else last
+    if not 0 <= first <= end <= most:
+        raise RecordingError(
+            f"ticks {first} to {end}: 0 <= from <= to <= {most} is needed, the last tick of {recording.path}"
+        )
+    return end
+
+
+def rows_of(recording: Recording, worlds: Any) -> list[int]:
+    """Return the rows of these worlds in the tables. Raises RecordingError if there are no such worlds.
+
+    Args:
+        recording: The recording.
+        worlds: Numbers of worlds as in tables of events and samples: from `first_world` on.
+    """
+    if not isinstance(worlds, Iterable):
+        raise RecordingError(f"worlds = {worlds!r}: their numbers are needed, as in [0, 3]")
+    asked, first, last = list(worlds), recording.first_world, recording.first_world + recording.num_worlds - 1
+    if odd := [w for w in asked if not is_whole(w)]:
+        raise RecordingError(f"world {odd[0]!r}: whole numbers are needed")
+    if unknown := [w for w in asked if not first <= w <= last]:
+        raise RecordingError(f"{recording.path}: there is no world {unknown[0]}; they are {first} to {last}")
+    return [w - first for w in asked]

@@ -17,6 +17,7 @@ import numpy as np
 from outlast.ecs import RESET, STEP, Clock, Worlds
 from outlast.ecs.memory.numbers import GIVEN_WORDS, Given
 
+from ..core.validation import Array
 from ..errors import RecordingError
 from ..scenarios.fingerprint import classes, fingerprint
 from ..scenarios.scenario import Scenario
@@ -27,8 +28,6 @@ from .container import DONE, HEAD, MAGIC, RECORDS, encode_chunk
 from .digests import WORLDS_PER_DIGEST, Digests
 from .policy_record import PolicyRecorder
 from .tick_records import JointActions, TickFormat, TickRecord, encode_policies, encode_ticks
-
-Array = np.ndarray[Any, Any]
 
 MAX_PENDING_BYTES = 2**19  # of tick records that wait to be written; a killed process loses them
 MAX_PENDING_SECONDS = 5.0  # after which waiting tick records are written with the next tick

@@ -2,7 +2,6 @@
 
 import os
 from collections.abc import Iterable, Iterator
-from typing import Any
 
 import numpy as np
 
@@ -16,16 +15,13 @@ from ..core.agents import counted
 from ..core.lifecycle import check_playable
 from ..core.slow_call import announce_compilation
 from ..core.spaces import statistics
-from ..core.validation import check_count
+from ..core.validation import Array, check_count
 from ..errors import RecordingError, ReplayError, ScenarioError
 from ..inspect.event_table import with_episodes
 from ..rollout.summary import Summary
 from .digests import Digests
-from .reader import Recording
-from .selection import last_tick
+from .reader import Recording, last_tick
 from .tick_records import KEY_SIZE, JointActions, TickRecord
-
-Array = np.ndarray[Any, Any]
 
 
 class Replay:

@@ -10,10 +10,9 @@ import numpy as np
 from outlast.ecs import STEP, Action, Worlds
 
 from ..core.spaces import published
+from ..core.validation import Array
 from ..errors import RecordingError
 from .container import unpack
-
-Array = np.ndarray[Any, Any]
 
 KEY_SIZE = 4  # numbers in a row of TickRecord.keys, apart from given numbers
 MAX_JOINT_ACTIONS = 2**32

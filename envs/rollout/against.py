@@ -1,12 +1,11 @@
 """A policy against a line-up of others: which side it plays, and who wins."""
 
-from typing import Any
-
 import numpy as np
 
 from outlast.components import End
 
 from ..core.agents import side
+from ..core.validation import Array
 from ..core.vector_env import Actions, Arrays, SurvivalVectorEnv
 from ..errors import UsageError
 from .lineup import Lineup, key_of, own_side
@@ -15,7 +14,6 @@ from .outcome import Standings, own_wins
 from .policies import Policy
 from .summary import RESULTS
 
-Array = np.ndarray[Any, Any]
 PLAYED = ("against", "own_side", "result")  # columns that tables of episodes get
 
 

@@ -7,12 +7,12 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ..core.spaces import statistics
+from ..core.validation import Array
 from ..core.vector_env import SurvivalVectorEnv
 from .against import PLAYED, Against
 from .summary import MOMENTS, column_names
 from .table_file import table_file
 
-Array = np.ndarray[Any, Any]
 Result = TypeVar("Result")
 # called with info, and with the worlds in which an ended episode counts
 Ended = Callable[[Mapping[str, Any], Array], Result]

@@ -15,7 +15,7 @@ import numpy as np
 from outlast.ecs import Clock, Worlds
 from outlast.ecs.kernels.errors import did_you_mean
 
-from ..core.validation import checked_actions
+from ..core.validation import Array, checked_actions
 from ..core.vector_env import Actions, Arrays, SurvivalVectorEnv
 from ..errors import UsageError
 from ..scenarios.imports import member_of, module_of
@@ -25,7 +25,6 @@ from .models import models
 from .policies import POLICIES, Policy, hashed, maker_of, others_policy
 from .saved import SAVED_AS, common_scenario, is_saved, load_saved, policy_file, text_of
 
-Array = np.ndarray[Any, Any]
 Other = str | os.PathLike[str] | Policy
 Others = Other | Mapping[Any, float]  # one policy, or the weight of each of several
 Entries = list[tuple[str | Policy, float]]  # a name, a path or a function, with its weight

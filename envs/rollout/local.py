@@ -8,14 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from ..core.validation import Array
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import EndlessError
 from ..scenarios.scenario import Scenario
 from .memory import told
 from .policies import Policy
 from .summary import Summary
-
-Array = np.ndarray[Any, Any]
 
 MAX_BATCH = 256  # worlds that a worker plays at a time; few, as they are played again if the worker is lost
 MAX_STEPS = 100_000  # of an episode in a game without a time limit

@@ -3,15 +3,12 @@
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
 from outlast.ecs import Clock
 
+from ..core.validation import Array
 from ..core.vector_env import Actions, Arrays, SurvivalVectorEnv
 from ..errors import UsageError
 from .policies import Policy
-
-Array = np.ndarray[Any, Any]
 
 
 class Begins:

@@ -1,15 +1,12 @@
 """Winners of episodes: the side that lives longest or, where the game says how far sides have come, the farthest."""
 
-from typing import Any
-
 import numpy as np
 
 from outlast.components import Outcome, Score
 from outlast.ecs import Worlds
 
 from ..core.agents import side
-
-Array = np.ndarray[Any, Any]
+from ..core.validation import Array
 
 
 class Standings:

@@ -8,9 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from ..core.validation import Array
 from ..errors import UsageError
-
-Array = np.ndarray[Any, Any]
 
 RESULTS = ("won", "drawn", "lost")
 MOMENTS = ("first_death",)  # moments of an event; 0 in episodes without it, which the means leave out

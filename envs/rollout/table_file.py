@@ -13,13 +13,13 @@ import numpy as np
 
 from outlast.ecs import MemoryLayout
 
+from ..core.validation import Array
 from ..errors import UsageError, install
 from ..inspect.event_table import COLUMNS, event_table
 from ..storage.atomic_write import atomic_write
 from ..storage.interrupts import interrupts_held
 from ..storage.outputs import check_file
 
-Array = np.ndarray[Any, Any]
 Table = Mapping[str, Array]
 
 TYPED = (".csv", ".parquet")  # endings of the files that tables can be written to

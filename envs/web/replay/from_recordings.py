@@ -1,6 +1,7 @@
-"""Pages of recordings, in one call; `outlast replay --html` calls this function."""
+"""Pages of recordings, in one call, as `outlast replay --html` makes them; and in frames of notebooks."""
 
 import contextlib
+import html
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,10 +9,12 @@ from pathlib import Path
 from ...errors import PageError
 from ...progress import Progress
 from ...recording import Recording, Replay
-from ...recording.selection import last_tick, rows_of
+from ...recording.reader import last_tick, rows_of
 from .pack import PageRoom
-from .write import checked, record_ticks, save
+from .write import checked, page_html, record_ticks, save
 
+MOST = 2000  # ticks in a notebook, which take about a megabyte in its file
+HEIGHT = 780  # pixels of a page in a notebook
 Source = Recording | str | os.PathLike[str]
 
 
@@ -79,3 +82,23 @@ def replay_page(
 def title_of(recording: Recording) -> str:
     """Return a title from the scenario and the file, printable whatever the file is called."""
     return f"{recording.scenario.name}: {os.fsencode(Path(recording.path).name).decode(errors='backslashreplace')}"
+
+
+def frame(recording: Recording) -> str:
+    """Return HTML that plays the first `MOST` ticks of the first world; it needs no network and no other file.
+
+    Raises:
+        RecordingError: The file is damaged.
+        ReplayError: The replay differs from what was recorded.
+    """
+    if not len(recording):
+        return f"<p>{html.escape(repr(recording))}</p>"
+    end = last_tick(recording, 0, None)
+    shown = min(end, MOST)
+    with contextlib.closing(Replay(recording)) as replay:
+        ticks = replay.ticks(last=shown, worlds=[0])
+        room = PageRoom(title_of(recording), record_ticks(replay.worlds, ticks, [0], replay))
+    page = html.escape(page_html([room], room.title))
+    cut = f"<p>The first {shown:,} of {end:,} ticks; outlast.replay_page shows others.</p>" if shown < end else ""
+    attributes = f'width="100%" height="{HEIGHT}" style="border: 0" sandbox="allow-scripts"'
+    return f'<iframe srcdoc="{page}" {attributes}></iframe>{cut}'

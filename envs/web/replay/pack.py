@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from ...core.validation import Array
 from ...inspect.world_json import Json
 
 METRE, TURN, WHOLE = 1000, 2**16, 100  # the integer for a metre, for a whole turn, and for a probability of 1
@@ -27,8 +28,6 @@ PACKING = {"metre": METRE, "radian": RADIAN, "whole": WHOLE, "word": WORD}  # co
 FLOATS = ("agent.reward", "agent.value")  # columns that are float32
 ANGLES = ("agent.angle", "object.angle")
 INT32 = np.iinfo(np.int32)
-
-Array = np.ndarray[Any, Any]
 
 
 @dataclass
