@@ -7,18 +7,19 @@ import json
 from collections.abc import Iterator
 from typing import Any
 
-from outlast.ecs import MemoryLayout, NumberError
+from outlast.ecs import MemoryLayout
 from outlast.ecs.checks.code_hash import PYTHON, code_digest, full_name
-from outlast.ecs.declarations.distributions import MOST, NAMES
 from outlast.ecs.kernels.frozen_values import is_outside
 
 from ..errors import ScenarioError
 from .mechanics import rebuilt_mechanics
 from .scenario import Scenario
-from .varying_json import plain, restored, roles_of
+from .varying_json import plain, restored
 
 LARGEST = 2**22  # bytes of the state of one world at most
-LONGEST = 200  # characters of a name, and entries of an order, at most
+LONGEST = 200  # characters of a name or another word at most
+DEEPEST = 8  # lists and objects within each other
+KINDS = {"numbers": dict, "code": dict, "order": list, "varied": dict, "observed": list, "roles": dict}
 MORE = {  # optional entries of a fingerprint, and what they say
     "varied": "what numbers are drawn from",
     "observed": "which numbers are observed",
@@ -50,50 +51,24 @@ def _line(name: str) -> str:
 
 
 def is_fingerprint(given: Any) -> bool:
-    """Return whether it could be one: a name; by name numbers, booleans, choices, lists of numbers; lists of words."""
-    if not isinstance(given, dict) or not isinstance(given.get("numbers"), dict):
-        return False
-    values = [given.get("name"), *given["numbers"], *given["numbers"].values()]
-    code, order, varied, observed = (
-        given.get(key, kind()) for key, kind in (("code", dict), ("order", list), ("varied", dict), ("observed", list))
-    )
+    """Return whether it could be one: a name, and entries of the right kinds that hold numbers and words only."""
     return (
-        is_word(values[0])
-        and is_word(given.get("label", ""))
-        and all(map(_is_plain, values[1:]))
-        and isinstance(order, list)
-        and len(order) <= LONGEST
-        and all(_are_words(chain) and 1 < len(chain) <= LONGEST for chain in order)
-        and isinstance(varied, dict)
-        and all(is_word(name) and _is_distribution(entry) for name, entry in varied.items())
-        and isinstance(observed, list)
-        and all(map(is_word, observed))
-        and ("roles" not in given or _are_roles(given["roles"]))
-        and isinstance(code, dict)
-        and all(is_word(name) and _are_words(entry) and len(entry) == 3 for name, entry in code.items())
+        isinstance(given, dict)
+        and {"name", "numbers"} <= given.keys()
+        and all(is_word(given.get(key, "")) for key in ("name", "label"))
+        and all(isinstance(given.get(key, kind()), kind) for key, kind in KINDS.items())
+        and all(isinstance(entry, list) and len(entry) == 3 for entry in given.get("code", {}).values())
+        and _is_plain(given)
     )
 
 
-def _is_distribution(given: Any) -> bool:
-    return isinstance(given, list) and 1 < len(given) <= 1 + MOST and given[0] in NAMES and all(map(_is_plain, given))
-
-
-def _are_roles(given: Any) -> bool:
-    try:
-        found = roles_of(given)
-    except (NumberError, TypeError):
-        return False
-    return all(is_word(name) and len(each.numbers) <= LONGEST for each in found.roles for name, _ in each.numbers)
-
-
-def _is_plain(given: Any) -> bool:
-    return all(isinstance(each, (int, float)) for each in (given if isinstance(given, list) else [given])) or is_word(
-        given
-    )
-
-
-def _are_words(given: Any) -> bool:
-    return isinstance(given, list) and all(map(is_word, given))
+def _is_plain(given: Any, depth: int = DEEPEST) -> bool:
+    """Return whether it is a number, a word or nothing, or a list or an object of such."""
+    if isinstance(given, dict):
+        return all(map(is_word, given)) and _is_plain([*given.values()], depth)
+    if isinstance(given, list):
+        return depth > 0 and all(_is_plain(each, depth - 1) for each in given)
+    return given is None or isinstance(given, int | float) or is_word(given)
 
 
 def is_word(given: Any) -> bool:
@@ -144,11 +119,19 @@ def classes(scenario: Scenario) -> list[str]:
 
 
 def rebuilt(fingerprint: dict[str, Any], names: list[str], strict: bool = True) -> Scenario:
-    """Make the scenario of a fingerprint and the full names of its classes. Raises errors like `rebuilt_mechanics`."""
+    """Make the scenario of a fingerprint and the full names of its classes.
+
+    Raises:
+        ScenarioError: There is no such scenario here.
+        NumberError: A value is not allowed.
+    """
     modules = rebuilt_mechanics(sorted(names), fingerprint["numbers"], strict)
     name = str(fingerprint.get("label") or fingerprint["name"])
-    order = tuple(map(tuple, fingerprint.get("order", ())))
-    return Scenario(name, modules, order=order, **restored(modules, fingerprint))
+    try:
+        order = tuple(map(tuple, fingerprint.get("order", ())))
+        return Scenario(name, modules, order=order, **restored(modules, fingerprint))
+    except TypeError as error:
+        raise ScenarioError(f"its entries cannot be: {error}") from error
 
 
 def planned(scenario: Scenario) -> tuple[int, int]:

@@ -198,15 +198,22 @@ def test_fingerprints_of_outlasts_own_mechanics_are_those_of_before(tmp_path: Pa
     [
         {"code": []},
         {"code": {"a": "b"}},
-        {"code": {"a": ["b", 3, "c"]}},
+        {"code": {"a": ["b", "c"]}},
         {"order": "ab"},
-        {"order": [["a"]]},
-        {"order": [[1, 2]]},
+        {"numbers": {"a": "\n"}},
+        {"varied": {"a": [[[[[[[[[1]]]]]]]]]}},
     ],
 )
 def test_what_is_no_fingerprint_is_not_taken_for_one(damage: dict[str, Any]) -> None:
     assert is_fingerprint(fingerprint(variant("ffa_1")))
     assert not is_fingerprint(fingerprint(variant("ffa_1")) | damage)
+
+
+@pytest.mark.parametrize("damage", [{"order": [["a"]]}, {"order": [[1, 2]]}, {"order": [1]}, {"varied": {"a": []}}])
+def test_no_scenario_is_made_of_entries_that_cannot_be(damage: dict[str, Any]) -> None:
+    one = variant("ffa_1")
+    with pytest.raises(outlast.errors.ScenarioError):
+        rebuilt(fingerprint(one) | damage, classes(one))
 
 
 def test_the_order_that_a_scenario_gives_is_part_of_it() -> None:
