@@ -7,20 +7,8 @@ from collections.abc import Callable, Iterable, Sequence
 from importlib.metadata import entry_points
 from typing import Any
 
-from outlast.ecs import EngineError
+from outlast.ecs.kernels.errors import OutlastError
 
-from ..errors import (
-    ClusterError,
-    EndlessError,
-    FaultError,
-    FilmError,
-    PageError,
-    PlayError,
-    RecordingError,
-    ScenarioError,
-    StateError,
-    UsageError,
-)
 from ..storage.interrupts import children_awaited, save_requests, stops_as_ctrl_c
 from . import check, completion, frames, layout, listing, models, new, numbers, play, replay, rollout, schedule
 from .grammar import Parser
@@ -29,11 +17,6 @@ from .overview import overview
 from .streams import standard_streams
 
 COMMANDS = (listing, numbers, new, layout, schedule, check, rollout, frames, play, replay, models, completion)
-# Reported in one line, without a traceback.
-MISTAKES = (
-    *(ScenarioError, EngineError, EndlessError, ClusterError, FaultError, FilmError, PageError),
-    *(PlayError, RecordingError, StateError, UsageError),
-)
 PLUGINS = "outlast.commands"  # entry points of this group are modules like those beside this one; training has one
 
 
@@ -70,7 +53,7 @@ def _command(arguments: Sequence[str] | None, made: Callable[[], Parser]) -> int
             status = int(options.run(options))
             save_scenario(options)
             return status
-    except MISTAKES as error:
+    except OutlastError as error:  # a mistake in use: no traceback
         return _refused(str(error))
     except MemoryError as error:
         return _refused(f"there is not enough memory, take fewer --worlds: {error}")

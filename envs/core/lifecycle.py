@@ -1,6 +1,8 @@
 """The episodes of worlds: when they begin and end, and which worlds cannot begin or go on."""
 
 import contextlib
+import logging
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -9,9 +11,12 @@ from gymnasium.vector import AutoresetMode
 
 from outlast.components import End, Fault, Reward, Unplaced
 from outlast.ecs import SKIP, Stepper, Worlds
+from outlast.ecs.kernels.cache_files import cache_folder
 
 from ..errors import FaultError, NotResetError, ScenarioError
 from .validation import Array
+
+LOGGER = logging.getLogger("outlast")
 
 
 def check_playable(worlds: Worlds, name: str) -> None:
@@ -103,3 +108,17 @@ class EpisodeTracker(Stepper):
                 f"worlds {np.flatnonzero(done if where is None else done & where)[:8].tolist()} have ended and "
                 'autoreset is disabled; reset them first: reset(options={"reset_mask": terminated | truncated})'
             )
+
+
+@contextlib.contextmanager
+def announce_compilation(worlds: Worlds, name: str) -> Iterator[None]:
+    """Log at level INFO how many systems are compiled, and how long it took (the cache logs the progress)."""
+    if not (count := len(worlds.uncompiled)):
+        yield
+        return
+    kept = f"kept in {folder}" if (folder := cache_folder()) else "not kept"
+    systems = f"{count} system{'s' * (count > 1)}"
+    LOGGER.info("compiling %s of %s for this machine; machine code is %s", systems, name, kept)
+    start = time.perf_counter()
+    yield
+    LOGGER.info("compiled in %.0f s", time.perf_counter() - start)

@@ -1,13 +1,19 @@
-"""The events of an environment's last step."""
+"""The events of an environment's last step; and a log of deaths, by the logger "outlast.deaths" at level INFO."""
 
+import logging
 from typing import Any
 
 import numpy as np
 
-from outlast.ecs import Clock, Worlds
+from outlast.components import Death
+from outlast.ecs import SKIP, Clock, Worlds
 from outlast.ecs.declarations.event import EventMemory, entries
 
 from .validation import Array
+
+DEATHS, LEVEL = logging.getLogger("outlast.deaths"), logging.INFO
+# deaths are logged if this logger is set to INFO; setting "outlast" to INFO is not enough
+DEATHS.setLevel(logging.WARNING)
 
 
 class StepEvents:
@@ -53,3 +59,18 @@ class StepEvents:
         times = (np.arange(self._worlds.count), episode, tick)
         kinds = self._worlds.layout.events
         return {kind.name: entries(kind, kinds, memory, times) for kind in kinds}
+
+
+def log_deaths(worlds: Worlds, first_world: int = 0) -> None:
+    """Log the deaths of the last tick at level INFO: world, tick, who, cause and the side that did it."""
+    if not DEATHS.isEnabledFor(LEVEL):
+        return
+    # "no damage" is last, as its number is -1
+    causes = [*worlds.layout.labels["damage_type"], "no damage"]
+    for death in worlds.entries(Death):
+        if worlds.mode[death["world"]] == SKIP:  # this world took no tick, so the entry is an old one
+            continue
+        by = f" by side {death['side']}" if death["side"] >= 0 else ""
+        w, cause = first_world + death["world"], causes[death["damage_type"]]
+        who = worlds.layout.entity_names[death["agent"]]
+        DEATHS.log(LEVEL, "world %d, tick %d: %s died of %s%s", w, death["tick"], who, cause, by)

@@ -18,21 +18,18 @@ from ..levels import Level
 from ..rendering.rgb import FPS, RENDER_MODES, Pictured, render_worlds
 from ..scenarios.scenario import Scenario
 from ..snapshots.state import State, restore, snapshot
-from . import death_log
 from .action_spaces import ActionSpace
 from .agents import Presence, counted
-from .buffers import writable
 from .concurrency import CallGuard, check_callable, exclusive, exclusive_step
 from .global_state import GlobalState
-from .lifecycle import EpisodeTracker, check_faults, check_places, check_playable
+from .lifecycle import EpisodeTracker, announce_compilation, check_faults, check_places, check_playable
 from .numbers import change_levels, change_numbers, current_levels, current_numbers
-from .observations import Observations
+from .observations import Observations, writable
 from .options import WorldOptions, check_options
 from .places import place
 from .query import Query
-from .slow_call import announce_compilation
 from .spaces import check_published, statistics
-from .step_events import StepEvents
+from .step_events import DEATHS, LEVEL, StepEvents, log_deaths
 from .validation import MAX_WORLDS, Array, Seeds, as_array, check_count, keys, reset_mask
 from .validation import autoreset_mode as checked_autoreset_mode
 
@@ -207,8 +204,8 @@ class SurvivalVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
         terminated, truncated = self._terminated.copy(), self._truncated.copy()
         if self._stops is not None:
             self._stop(slice(None), terminated, truncated)
-        if death_log.LOGGER.level <= death_log.LEVEL:
-            death_log.log(self.worlds, self.first_world)
+        if DEATHS.level <= LEVEL:
+            log_deaths(self.worlds, self.first_world)
         reward = self._reward.copy() if buffers is None else buffers.put("rewards", self._reward)
         ended: dict[str, Any] = {}
         try:

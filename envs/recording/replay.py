@@ -12,8 +12,7 @@ from outlast.ecs.memory.given import wrongly_given
 from outlast.ecs.memory.numbers import GIVEN_WORDS, Given
 
 from ..core.agents import counted
-from ..core.lifecycle import check_playable
-from ..core.slow_call import announce_compilation
+from ..core.lifecycle import announce_compilation, check_playable
 from ..core.spaces import statistics
 from ..core.validation import Array, check_count
 from ..errors import RecordingError, ReplayError, ScenarioError

@@ -15,8 +15,9 @@ import torch
 
 import outlast
 from outlast import load_policy, make_vec, variant
+from outlast.ecs.kernels.errors import OutlastError
 from outlast.envs.cli import main as cli
-from outlast.envs.errors import ActionError, FilmError, UsageError
+from outlast.envs.errors import FilmError, UsageError
 from outlast.envs.rendering.canvas import Canvas
 from outlast.envs.rollout.lineup import entries_of, load_policies, parse_lineup
 from outlast.envs.rollout.local import rollout
@@ -548,7 +549,7 @@ def test_ctrl_c_prints_the_pairings_that_are_complete(capsys, caplog, monkeypatc
     ],
 )
 def test_mistakes_of_evaluate(arguments: tuple[str, ...], words: str) -> None:
-    with pytest.raises(cli.MISTAKES, match=words):
+    with pytest.raises(OutlastError, match=words):
         evaluate("ffa_1", *arguments)
 
 
@@ -724,7 +725,7 @@ def test_tables_of_another_evaluation_are_not_replaced(tmp_path: Path, capsys) -
 )
 def test_mistakes_of_evaluations_in_one_call(policies, options: dict, words: str, tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
-    with pytest.raises((*cli.MISTAKES, ActionError), match=words):
+    with pytest.raises(OutlastError, match=words):
         outlast.evaluate("ffa_1", policies, quiet=True, **options)
 
 
