@@ -15,6 +15,8 @@ from .style import SIZES
 
 M = TypeVar("M", bound=Module)
 
+THINNEST = 1e-9  # metres: half the width of a rectangle without any
+
 
 class Scene:
     """World `w` in plain Python: scene[C] is the table of component C, its columns as lists of Python numbers.
@@ -95,9 +97,11 @@ class Scene:
             found.append((x + a * cosine - b * sine, y + a * sine + b * cosine))
         return found
 
-    def rectangle(self, e: int) -> list[tuple[float, float]]:
-        """Return the corners of a rectangle where it is, counter-clockwise."""
-        body, x, y = self.body, self.shape.half_width[e], self.shape.half_height[e]
+    def outline(self, e: int) -> list[tuple[float, float]]:
+        """Return the corners of a polygon or a rectangle where it is, counter-clockwise."""
+        if corners := self.placed_corners(e):
+            return corners
+        body, x, y = self.body, max(self.shape.half_width[e], THINNEST), max(self.shape.half_height[e], THINNEST)
         corner = complex(body.cosine[e], body.sine[e])
         turned = [corner * complex(a, b) for a, b in ((-x, -y), (x, -y), (x, y), (-x, y))]
         return [(body.x[e] + each.real, body.y[e] + each.imag) for each in turned]

@@ -83,8 +83,10 @@ def area(corners: np.ndarray) -> float:
     return float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2
 
 
-def block(x: float, y: float, radius: float = 0, width: float = 0, height: float = 0, angle: float = 0) -> Any:
-    return x, y, math.cos(angle), math.sin(angle), radius, width / 2, height / 2
+def box(x: float, y: float, width: float, height: float, angle: float = 0) -> Any:
+    signs = ((-1, -1), (1, -1), (1, 1), (-1, 1))
+    turned = (complex(x, y) + complex(a * width / 2, b * height / 2) * np.exp(1j * angle) for a, b in signs)
+    return [(corner.real, corner.imag) for corner in turned]
 
 
 @pytest.mark.parametrize(("kite", "share"), [(True, math.sin(0.5)), (False, 0.5)])
@@ -96,10 +98,10 @@ def test_a_free_cone_has_its_whole_area(kite: bool, share: float, angle: float) 
 @pytest.mark.parametrize("angle", [0.0, 3.1, -2.0, 12.0])
 def test_a_wall_across_cuts_a_triangle_off(angle: float) -> None:
     """In front of it, a triangle of height 3 is left; the wall may be a rectangle or a huge disc."""
-    wall = block(3.5 * math.cos(angle), 3.5 * math.sin(angle), width=1, height=20, angle=angle)
-    disc = block(1003 * math.cos(angle), 1003 * math.sin(angle), radius=1000)
-    for blocker in (wall, disc):
-        corners = visible_corners(0, 0, angle, 1.0, 8.0, False, [blocker])
+    wall = box(3.5 * math.cos(angle), 3.5 * math.sin(angle), width=1, height=20, angle=angle)
+    disc = 1003 * math.cos(angle), 1003 * math.sin(angle), 1000
+    for discs, polygons in (((), [wall]), ([disc], ())):
+        corners = visible_corners(0, 0, angle, 1.0, 8.0, False, discs, polygons)
         assert area(corners) == pytest.approx(9 * math.tan(0.5), rel=0.01)
 
 
@@ -120,5 +122,5 @@ def test_a_wedge_hides_what_is_behind_its_sides(angle: float) -> None:
 
 
 def test_what_holds_the_camera_or_lies_behind_it_or_too_far_hides_nothing() -> None:
-    blockers = [block(0, 0, 2), block(0.1, 0, width=3, height=3), block(-3, 0, 1), block(20, 0, 2), block(np.nan, 0, 2)]
-    assert area(visible_corners(0, 0, 0.0, 1.0, 8.0, False, blockers)) == pytest.approx(32, rel=1e-3)
+    discs, boxes = [(0, 0, 2), (-3, 0, 1), (20, 0, 2), (np.nan, 0, 2)], [box(0.1, 0, 3, 3), box(np.nan, 0, 1, 1)]
+    assert area(visible_corners(0, 0, 0.0, 1.0, 8.0, False, discs, boxes)) == pytest.approx(32, rel=1e-3)

@@ -5,8 +5,6 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from outlast import systems
 from outlast.components import Body, Filter, Shape, Side, Sight, Solid
 from outlast.components.sight import MODES, OMNISCIENT
@@ -68,17 +66,16 @@ class CamerasLayer(Layer):
 
     def _draw_cones(self, canvas: Canvas, scene: Scene, watching: list[int]) -> None:
         """Draw the vision cones of the agents in these rows, up to the first body that blocks sight."""
-        body, cameras = scene.body, scene.mechanic(systems.Cameras)
+        body, radius, cameras = scene.body, scene.shape.radius, scene.mechanic(systems.Cameras)
         kinds = (Body, Shape) if cameras.items_occlude else (Body, Shape, Solid)
-        rows = np.array([e for e in scene.living(*kinds) if not is_see_through(scene, e)], int)
-        blockers, corners_of = np.array([_blocker(scene, e) for e in rows.tolist()]), scene.placed_corners
-        round_or_square = np.array([not scene.corners(e) for e in rows.tolist()], bool)
-        polygons = [corners_of(e) for e in rows[~round_or_square].tolist()]
+        rows = [e for e in scene.living(*kinds) if not is_see_through(scene, e)]
+        outlines = {e: scene.outline(e) for e in rows if radius[e] <= 0}
         for e in watching:
             if math.isfinite(body.x[e] + body.y[e] + body.angle[e]):
                 own, pose = scene.mechanic(systems.Cameras, e), (body.x[e], body.y[e], body.angle[e])
-                others = round_or_square & (rows != e)
-                corners = visible_corners(*pose, own.fov, own.depth, own.cone == "kite", blockers[others], polygons)
+                discs = [(body.x[o], body.y[o], radius[o]) for o in rows if o != e and radius[o] > 0]
+                polygons = [corners for o, corners in outlines.items() if o != e]
+                corners = visible_corners(*pose, own.fov, own.depth, own.cone == "kite", discs, polygons)
                 canvas.area(corners, of_side(scene[Side].side[e]), self.opacity)
 
 
@@ -107,10 +104,3 @@ def seen_rows(scene: Scene, i: int) -> list[int]:
     words, fixed = scene[Sight].visible[i], {*walls(scene)} if Solid in scene else {}
     rows = (e for e in scene.living(Body, Shape) if e not in fixed)
     return [e for e in rows if words[e // SIMD_WIDTH] >> e % SIMD_WIDTH & 1]
-
-
-def _blocker(scene: Scene, e: int) -> tuple[float, ...]:
-    """Return the row of a body that blocks sight, with the columns visibility.BLOCKER."""
-    body, shape = scene.body, scene.shape
-    size = shape.radius[e], shape.half_width[e], shape.half_height[e]
-    return body.x[e], body.y[e], body.cosine[e], body.sine[e], *size

@@ -79,7 +79,7 @@ def _distance(scene: Scene, me: int, e: int, reach: float) -> float:
     if shape.radius[e] > 0:
         ahead -= math.sqrt(max(0, shape.radius[e] ** 2 - aside**2))
     else:
-        corners = np.array(scene.placed_corners(e) or scene.rectangle(e))
-        at = float(polygon_hits(np.array([[cosine, sine]]), corners, body.x[me], body.y[me])[0])
+        corners = np.array([scene.outline(e)])
+        at = float(polygon_hits(np.array([[cosine, sine]]), corners, body.x[me], body.y[me])[0, 0])
         ahead = at if math.isfinite(at) else ahead
     return float(min(max(ahead, 0), reach))
