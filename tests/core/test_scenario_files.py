@@ -20,10 +20,9 @@ from outlast.envs.cli.grammar import Parser
 from outlast.envs.cli.main import main
 from outlast.envs.errors import ScenarioError
 from outlast.envs.scenarios import hide_and_seek, transfer
-from outlast.envs.scenarios.fingerprint import fingerprint
+from outlast.envs.scenarios.fingerprint import classes, fingerprint, rebuilt
 from outlast.envs.scenarios.mechanics import foreign
 from outlast.envs.scenarios.parse import mechanic, named
-from outlast.envs.scenarios.fingerprint import classes, rebuilt
 from outlast.systems import DropLast, Maze, Teams
 
 

@@ -28,7 +28,7 @@ from outlast.ecs import Clock, Entity
 from outlast.envs.errors import FilmError, ScenarioError
 from outlast.envs.rendering import style as colors
 from outlast.envs.rendering.canvas import Canvas
-from outlast.envs.rendering.layers import FILM_LAYERS_BY_NAME, LAYERS_BY_NAME
+from outlast.envs.rendering.layers import FILM_LAYERS_BY_NAME
 from outlast.envs.rendering.rgb import draw
 from tests.helpers.scenario_builder import ScenarioBuilder, duel
 from tests.rendering.test_layers import HALF, SIZE, spot
