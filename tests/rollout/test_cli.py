@@ -216,12 +216,12 @@ def test_counts_are_written_as_people_write_them() -> None:
 
 def test_every_count_of_every_command_takes_an_exponent() -> None:
     """Whatever is an integer by default, or takes one."""
-    kinds = {options.positive, options.nonnegative, options.seed, options.port}
+    kinds = {options.positive, options.nonnegative, options.seed}
     for name, command in commands().choices.items():
         for _, actions in command.groups():
             for action in actions:
                 assert action.type is not int, (name, action.option_strings)
-                if action.type in kinds - {options.port}:
+                if action.type in kinds:
                     assert action.type("1e3") == 1000
 
 
