@@ -293,6 +293,13 @@ def test_another_default_of_an_unknown_number_is_refused() -> None:
     assert Slow().speed == 0.5
 
 
+@pytest.mark.parametrize("form", ["kw_only", "slots"])
+def test_a_mechanic_is_a_dataclass_of_any_form(form: str) -> None:
+    body: dict[str, Any] = {"__annotations__": {"speed": float}, "speed": number(1.0)}
+    made: Any = dataclass(frozen=True, **{form: True})(type("Odd", (Toy,), body))
+    assert (made().speed, made(speed=2).replace(speed=3).speed) == (1, 3)
+
+
 def test_numbers_take_the_type_of_their_annotation() -> None:
     """On which the compiled tick depends: 2 and 2.0 for a stride must not compile two ticks."""
     assert type(numbered("float", number(2)).speed) is float
