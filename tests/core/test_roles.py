@@ -116,13 +116,6 @@ def test_teams_have_their_sizes() -> None:
     assert make_vec(many, 1).reset()[0]["own"][0, :, 1].tolist() == [0, 0, 1, 2, 2, 2]
 
 
-@pytest.mark.parametrize("agents", range(1, 8))
-def test_even_teams_say_their_sizes(agents: int) -> None:
-    for count in range(1, agents + 1):
-        teams = [((i + 1) * count - 1) // agents for i in range(agents)]
-        assert Teams(count=count).groups(agents) == tuple(np.bincount(teams, minlength=count))
-
-
 @pytest.mark.parametrize(
     ("numbers", "message"),
     [

@@ -1,6 +1,5 @@
 """Naive plain-Python forms of cameras, observations, rewards, ends and statistics."""
 
-import math
 from typing import Any
 
 from tests.helpers.ambiguity import ambiguous, unambiguous
@@ -147,21 +146,3 @@ def statistics(world: World, before: dict[str, Any]) -> dict[str, Any]:
         "first_death": before["first_death"] or (world.tick if world.deaths else 0),
         **{key: world.statistics[key] for key in ("heals_used", "boxes_placed") if key in before},
     }
-
-
-def free_motion(agent: NaiveEntity, push: dict[str, int], numbers: dict[str, Any]) -> list[float]:
-    """x, y, angle, vx, vy, omega after a tick in open space: the push of the motors, and substeps of damped motion."""
-    mass = math.pi * numbers["agents_radius"] ** 2 * numbers["agents_density"]
-    inertia = mass * numbers["agents_radius"] ** 2 / 2
-    force = complex(numbers["motors_ahead"] * push["ahead"], numbers["motors_left"] * push["left"])
-    kick = force * complex(math.cos(agent.angle), math.sin(agent.angle)) / mass
-    spin = numbers["motors_turn"] * push["turn"] / inertia
-    place, speed = complex(agent.x, agent.y), complex(agent.vx, agent.vy)
-    angle, omega = agent.angle, agent.omega
-    steps, dt = numbers["physics_substeps"], 1 / numbers["physics_rate"]
-    for step in range(steps):
-        share = 1 / steps if numbers["motors_give"] == "evenly" else float(step == 0)
-        speed = (speed + kick * share) * (1 - dt * numbers["physics_linear_damping"])
-        omega = (omega + spin * share) * (1 - dt * numbers["physics_angular_damping"])
-        place, angle = place + speed * dt, angle + omega * dt
-    return [place.real, place.imag, angle, speed.real, speed.imag, omega]

@@ -228,22 +228,3 @@ def test_it_is_an_observation_of_its_own_with_a_scale() -> None:
     assert {key: array.shape for key, array in observations.items() if key in ("own", "others")} == {
         key: array.shape for key, array in make_vec(EMPTY, 1).reset()[0].items() if key in ("own", "others")
     }
-
-
-def test_files_of_scenarios_keep_it() -> None:
-    scenario = EMPTY.with_(Lidar(rays=7, angle=1.5, targets="bodies"))
-    again = Scenario.from_json(scenario.to_json())
-    assert again.to_json() == scenario.to_json()
-    assert again.numbers()["lidar_rays"] == 7
-    assert again.numbers()["lidar_targets"] == "bodies"
-
-
-@pytest.mark.skipif(not COMPILED, reason="compares the two")
-def test_compiled_and_as_python_it_reads_the_same_bits() -> None:
-    scenario = variant("ffa_3").with_(Maze(), Lidar(rays=33, angle=5.0, targets="bodies"))
-    one, two = (make_vec(scenario, 3, seed=2, interpret=interpret) for interpret in ((), ("lidar.measure_distances",)))
-    np.testing.assert_array_equal(one.reset()[0]["lidar"], two.reset()[0]["lidar"])
-    rng = np.random.default_rng(1)
-    for _ in range(3):
-        actions = draw_actions(one, rng)
-        np.testing.assert_array_equal(one.step(actions)[0]["lidar"], two.step(actions)[0]["lidar"])

@@ -7,7 +7,7 @@ import pytest
 
 import outlast
 from outlast import systems, variant
-from outlast.components import Body, Floor, Shape, Zone
+from outlast.components import Body, Zone
 from outlast.ecs import NumberError, Worlds
 from outlast.envs.inspect.world_json import describe
 from outlast.envs.rendering.rgb import draw, text
@@ -15,16 +15,6 @@ from outlast.envs.rendering.style import WALL
 from tests.conftest import digest, draw_actions, scaled
 
 HALL = variant("ffa_1").replace(room_width=40.0, room_height=10.0, safe_zone_radii=(5.0, 2.0))
-
-
-def test_walls_stand_astride_the_edges() -> None:
-    worlds = Worlds(HALL.modules, 1)
-    rows, body, shape = worlds.span("wall"), worlds[Body], worlds[Shape]
-    assert body.x[0, rows].tolist() == [20, -20, 0, 0]
-    assert body.y[0, rows].tolist() == [0, 0, 5, -5]
-    np.testing.assert_allclose(shape.half_width[0, rows], [0.2, 0.2, 20, 20])
-    np.testing.assert_allclose(shape.half_height[0, rows], [5, 5, 0.05, 0.05])
-    assert worlds[Floor].size.tolist() == [[40.0, 10.0]]
 
 
 @pytest.mark.parametrize(("width", "height"), [(40.0, 0.0), (0.0, 40.0)])

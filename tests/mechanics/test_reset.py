@@ -1,6 +1,7 @@
 """How an episode begins, draw by draw: cells, boxes and zones against numpy's own Philox."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -60,6 +61,7 @@ def test_every_entity_gets_the_cell_that_the_random_numbers_give(name: str) -> N
     for world in fresh(name):
         got = [(entity.x, entity.y) for entity in world.of("agent", "box", "heal")]
         assert got == [pytest.approx(place, abs=TOLERANCE) for place in cells(world)]
+        assert {(e.here, e.angle, e.vx, e.vy, e.omega) for e in world.of("agent", "box", "heal")} == {(1, 0, 0, 0, 0)}
         assert world.key[2] == 2
 
 
@@ -109,19 +111,22 @@ def test_the_circle_around_a_body_holds_all_of_it() -> None:
     assert bounds == pytest.approx(corners, rel=1e-6)
 
 
-@pytest.mark.parametrize("numbers", [{}, {"room_size": 40.0, "room_thickness": 0.1}], ids=["paper", "larger"])
-def test_walls_stand_astride_the_edges_and_meet_in_the_corners(numbers: dict[str, float]) -> None:
+HALL = {"room_width": 40.0, "room_height": 10.0, "safe_zone_radii": (5.0, 2.0)}
+
+
+@pytest.mark.parametrize(
+    "numbers", [{}, {"room_size": 40.0, "room_thickness": 0.1}, HALL], ids=["paper", "larger", "hall"]
+)
+def test_walls_stand_astride_the_edges_and_meet_in_the_corners(numbers: dict[str, Any]) -> None:
     """As long as the floor, and in the paper a hundredth of it thick (reference rules, section 1)."""
     env = outlast.make_vec(outlast.variant("ffa_1").replace(**numbers), 1, seed=0)
     env.reset()
     span, (body, shape) = env.worlds.span("wall"), (env.worlds[Body], env.worlds[Shape])
     columns = (body.x, body.y, shape.half_width, shape.half_height)
     walls = [tuple(round(float(column[0, e]), 6) for column in columns) for e in range(span.start, span.stop)]
-    size = numbers.get("room_size", 25.0)
-    edge, thin = size / 2, size * numbers.get("room_thickness", 0.01) / 2
-    assert sorted(walls) == sorted(
-        [(edge, 0, thin, edge), (-edge, 0, thin, edge), (0, edge, edge, thin), (0, -edge, edge, thin)]
-    )
+    x, y = (numbers.get(name, numbers.get("room_size", 25.0)) / 2 for name in ("room_width", "room_height"))
+    thin, flat = (side * numbers.get("room_thickness", 0.01) for side in (x, y))
+    assert sorted(walls) == sorted([(x, 0, thin, y), (-x, 0, thin, y), (0, y, x, flat), (0, -y, x, flat)])
 
 
 def test_nobody_starts_in_a_thick_wall() -> None:
