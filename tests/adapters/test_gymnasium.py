@@ -5,7 +5,6 @@ import subprocess
 import sys
 import threading
 from importlib.util import find_spec
-from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -21,7 +20,7 @@ from outlast.envs.adapters.registry import IDS
 from outlast.envs.core.agents import alive, present, side
 from outlast.envs.errors import NotResetError, StateError, UsageError
 from outlast.envs.rollout.policies import POLICIES
-from tests.helpers.execution_modes import ALL, EACH_LEVEL, HUNT, LEVELS, equal, short
+from tests.helpers.execution_modes import ALL, HUNT, equal, short
 
 SEED, STEPS = 3, 60  # enough for an episode of short()
 IDLE = [1, 1, 1, 0, 0, 0]
@@ -31,26 +30,21 @@ def make(name: str = "teams_3", **options: Any) -> SurvivalEnv:
     return SurvivalEnv(short(name), **options)
 
 
-def given(name: str) -> dict[str, Any]:
-    """Arguments of gymnasium.make for one of LEVELS; an id has its own scenario."""
-    return {"scenario": short(name)} if name in LEVELS else {}
-
-
 def drawn(tick: int) -> Any:
     return np.random.default_rng(tick).integers(0, [3, 3, 3, 2, 2, 2])
 
 
-@pytest.mark.parametrize("name", [*IDS, *EACH_LEVEL])
+@pytest.mark.parametrize("name", IDS)
 @pytest.mark.filterwarnings("ignore:.*A Box observation space (minimum|maximum) value is -?infinity")
 def test_gymnasiums_own_checker_finds_nothing(name: str) -> None:
     """Neither an error nor a warning, pictures included: in tests, every warning is an error.
 
-    But for one, that infinite bounds are probably too wide: velocities, angles and health have no others.
+    But for one, that infinite bounds are probably too wide: velocities, angles and health have no others. Levels are in
+    test_suites.py.
     """
-    scenario = short(name) if name in LEVELS else outlast.variant(IDS[name])
-    env = gymnasium.make("outlast/FreeForAll-v1" if name in LEVELS else name, **given(name)).unwrapped
+    env = gymnasium.make(name).unwrapped
     check_env(env, skip_render_check=find_spec("pygame") is None)  # it also opens a window
-    assert (env.metadata["name"], env.metadata["render_fps"]) == (scenario.name, 30)
+    assert (env.metadata["name"], env.metadata["render_fps"]) == (outlast.variant(IDS[name]).name, 30)
     env.close()
 
 
@@ -316,13 +310,7 @@ MADE: dict[str, tuple[dict[str, Any], type[Exception], str]] = {
         ValueError,
         f"others = 'clever': clever: {', '.join(POLICIES)} or a saved",
     ),
-    "a misspelt policy": ({"others": "scriptd:0.5,random"}, ValueError, "scriptd: did you mean scripted"),
-    "no saved policy": ({"others": "policy.pt"}, ValueError, r"policy.pt: .* \(a model's name, FILE.zip, FILE.safe"),
     "a number for a policy": ({"others": 3}, ValueError, "others = 3: 3 is no policy"),
-    "a mixture of nothing": ({"others": {}}, ValueError, f"a mixture of nothing: {', '.join(POLICIES)} or"),
-    "a policy twice": ({"others": "random,noop,random:2"}, ValueError, "random is there twice: give it once"),
-    "a file twice": ({"others": {"a.zip": 1, Path("./a.zip"): 1}}, ValueError, "a.zip is there twice"),
-    "no weight": ({"others": {"random": 0}}, ValueError, "the weight of random is 0: a finite number above 0"),
 }
 
 

@@ -64,21 +64,6 @@ def step(env: Any, rows: Any) -> Any:
     return env.step(dict(zip(env.possible_agents, rows, strict=True)))
 
 
-def test_frames_are_skipped() -> None:
-    """Rewards of the ticks between are added up; SuperSuit draws their number from np_random, also a fixed one."""
-    env, plain = world("ffa_3", seed=SEED), world("ffa_3", seed=SEED)
-    wrapped, rng = supersuit.frame_skip_v0(env, 4), np.random.default_rng(0)
-    wrapped.reset()
-    plain.reset()
-    for _ in range(3):
-        actions = dict(zip(plain.agents, rng.integers(0, SIZES, (2, 6)), strict=True))
-        observations, rewards, *_ = wrapped.step(actions)
-        ticks = [plain.step(actions) for _ in range(4)]
-        assert rewards == {agent: sum(tick[1][agent] for tick in ticks) for agent in plain.possible_agents}
-        for key in env.observation_space("agent_0"):
-            assert stacked([observations], key) == stacked([ticks[-1][0]], key)
-
-
 def test_a_seed_repeats_how_many_frames_are_skipped() -> None:
     """The reset's and the constructor's, in the generator that copies go on with; worlds draw nothing from it."""
     env = world("ffa_3", seed=SEED)
