@@ -192,11 +192,9 @@ class LevelChecker:
     def _agents_are_in_the_room_and_not_in_blocks(self) -> None:
         worlds, everywhere = self.env.worlds, np.arange(self.env.num_worlds)
         alive = worlds[Entity].alive[:, self.agents].astype(bool)
-        radius = worlds[Shape].radius[:, self.agents].astype(float)
         assert np.isfinite(worlds[Body].x[:, self.agents][alive]).all()
         gaps = gap(worlds, everywhere, self.agents, self.fixed)  # inf for dead agents
-        blocks = gaps[..., np.isin(self.fixed, self.blocks)].min(2, initial=np.inf)
-        assert (blocks + radius > 0).all(), "the centre of an agent is in a block"
+        assert deepest(worlds, self.agents, self.blocks) < 0, "the centre of an agent is in a block"
         for place, side in zip((worlds[Body].x, worlds[Body].y), sides_of(worlds), strict=True):
             assert (abs(place[:, self.agents][alive]) < side / 2).all()
         deep = gaps.min(2) < -SLOP
@@ -239,6 +237,13 @@ def sides_of(worlds: Worlds) -> tuple[float, float]:
     """Width and height of the room, in metres."""
     room = next(module for module in worlds.modules if isinstance(module, systems.Room))
     return room.sides()
+
+
+def deepest(worlds: Worlds, bodies: Any, blocks: Any) -> float:
+    """How deep the middle of one of these bodies is in a block, metres; below 0 if it is in none."""
+    one, two = (_bodies(worlds, np.arange(worlds.count), *each, None) for each in ((bodies, 2), (blocks, 1)))
+    outside = _outside(two, one["place"] - two["place"])
+    return -float(outside.min(initial=np.inf, where=one["alive"] & two["alive"]))
 
 
 def gap(worlds: Worlds, where: Array, first: Any, second: Any, before: Any = None) -> Array:

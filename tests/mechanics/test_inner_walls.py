@@ -9,11 +9,11 @@ import pytest
 
 import outlast
 from outlast import Scenario, systems, variant
-from outlast.components import Body, Side, Spawned, Strike
+from outlast.components import Body, Side, Solid, Spawned, Strike
 from outlast.ecs import Entity
 from tests.conftest import COMPILED, digest, draw_actions, few_by_day, scaled
 from tests.helpers.naive_walls import blocks, free_parts, level, obstacles, signed_distance
-from tests.helpers.random_levels import LevelChecker
+from tests.helpers.random_levels import LevelChecker, deepest
 from tests.helpers.random_worlds import RUNS, TEXT
 
 GENERATORS: dict[str, systems.Maze | systems.Rooms | systems.Pillars] = {
@@ -145,17 +145,19 @@ def test_everybody_starts_in_a_free_place(kind: str, plain: Scenario) -> None:
 
 
 def play_inside(mechanic: Any, numbers: dict[str, Any], worlds: int, ticks: int) -> None:
-    """Random play, in which no centre of an agent is ever in a wall or outside of the room."""
+    """Random play, in which no centre of a body that moves is ever in a wall, and no agent outside of the room."""
     numbers = numbers | {"safe_zone_damage": 0, "motors_ahead": 0.6, "rewards_posthumous": False}
     env = outlast.make_vec(variant("ffa_4").replace(**numbers).with_(mechanic), worlds, seed=1)
     env.reset()
-    rng, checker = np.random.default_rng(0), LevelChecker(env, 0)
+    rng, checker, solid = np.random.default_rng(0), LevelChecker(env, 0), env.worlds.layout.rows(Solid)
+    moving = solid[env.worlds[Solid].dynamic[0, solid] != 0]
     for tick in range(ticks):
         actions = draw_actions(env, rng)
         if tick % 20 == 0:
             held = actions
         actions[..., :3] = held[..., :3]  # somewhere
         checker.check(env.step(actions)[1])
+        assert deepest(env.worlds, moving, checker.blocks) < 0
     assert checker.deep < 0.05 * checker.ticks  # where a box that is set up squeezes somebody
     env.close()
 
