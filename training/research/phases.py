@@ -20,7 +20,7 @@ from ..arena.evaluation import CERTAIN, Evaluation, evaluate
 from ..arena.match import Estimates
 from ..base.errors import TrainingError
 from ..base.files import check_results, write_files
-from ..base.tables import csv_text, digits
+from ..base.tables import csv_text
 from ..plots.figure import encoded, figure_of, write_notes
 from .tool_use import FIGURE, add_games
 
@@ -50,12 +50,14 @@ def add(commands: Any) -> None:
 
 
 def play(scenario: Scenario, folder: Path, episodes: int) -> Cells:
-    """Play all checkpoints of a run against each other, and themselves; the first estimates are those of hiders."""
+    """Play all checkpoints of a run against each other, and themselves. What never happens is left out."""
     paths = {str(int(found[1])): path for path in checkpoints(folder) if (found := STEPS.fullmatch(path.name))}
     if len(paths) < 2:
         raise TrainingError(f"{folder} has {len(paths)} checkpoint: train it with --every, to keep several")
     found, steps = evaluate(scenario, paths, episodes=episodes, worlds=256, quiet=True), [*map(int, paths)]
-    return {(one, other): cell(found, str(one), str(other)) for one in steps for other in steps}
+    cells = {(one, other): cell(found, str(one), str(other)) for one in steps for other in steps}
+    happens = {FIGURE, *(name for each in cells.values() for name, (mean, _) in each.items() if mean)}
+    return {pair: {name: each[name] for name in each if name in happens} for pair, each in cells.items()}
 
 
 def cell(found: Evaluation, hiders: str, seekers: str) -> Estimates:
@@ -69,7 +71,7 @@ def cell(found: Evaluation, hiders: str, seekers: str) -> Estimates:
 def rows(name: str, cells: Cells) -> list[tuple[Any, ...]]:
     """Return rows of COLUMNS: ticks seen of all pairings, and everything else of checkpoints against themselves."""
     return [
-        (name, *pair, figure, digits(mean), digits(error))
+        (name, *pair, figure, f"{mean:.2f}", f"{error:.2f}")
         for pair, estimates in cells.items()
         for figure, (mean, error) in estimates.items()
         if figure == FIGURE or pair[0] == pair[1]
