@@ -13,8 +13,7 @@ from ..rollout.lineup import Others, entries_of, load_policies
 from ..scenarios.known_numbers import Numbers
 from ..scenarios.parse import checks_keywords, options_of, resolve
 from ..scenarios.scenario import Scenario
-from ..web.announce import announce
-from ..web.gate import HOST, Site
+from ..web.gate import HOST, Site, announce
 from .options import FASTEST
 
 

@@ -127,20 +127,13 @@ def _on_ray(options: argparse.Namespace, asked: Scenario) -> Iterator[tuple[int,
 
 @dataclass(frozen=True)
 class Played:
-    """A rollout that was played, and how it ended.
-
-    Attributes:
-        agents: In a world.
-        seconds: That it took.
-        status: Of the command.
-        failure: What stopped it, such as a full disk.
-    """
+    """A rollout that was played, and how it ended."""
 
     summary: Summary
-    agents: int
+    agents: int  # in a world
     seconds: float
-    status: int
-    failure: Exception | None
+    status: int  # of the command
+    failure: Exception | None  # what stopped it, such as a full disk
 
 
 def _play_with_bar(options: argparse.Namespace, agents: int, work: Work) -> Played:

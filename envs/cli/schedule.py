@@ -2,30 +2,12 @@
 
 import argparse
 from itertools import zip_longest
-from typing import Any, NamedTuple
+from typing import Any
 
 from outlast.ecs import Component, Entity, Worlds
 
 from ..text_table import text_table
 from .options import add_scenario, scenario
-
-
-class ComponentUse(NamedTuple):
-    """A row of the table of components.
-
-    Attributes:
-        component: The name of its class.
-        kind: The name of its base class.
-        archetypes: Kinds of entities that have it; empty if it belongs to the world.
-        writers: Labels of the systems that write it, in the order of the tick; "heals.heal (adds)" only adds to it.
-        readers: Labels of the systems that read it.
-    """
-
-    component: str
-    kind: str
-    archetypes: list[str]
-    writers: list[str]
-    readers: list[str]
 
 
 def add(commands: Any) -> None:
@@ -56,16 +38,21 @@ def run(options: argparse.Namespace) -> int:
     if options.source:
         print(worlds.source())
     else:
-        print(as_text(uses(worlds)) if options.components else worlds.schedule)
+        print(_components(worlds) if options.components else worlds.schedule)
     return 0
 
 
-def uses(worlds: Worlds) -> list[ComponentUse]:
-    """Return every component of these worlds, in the order of storage."""
-    return [_use(worlds, component) for component in worlds.components]
+def _components(worlds: Worlds) -> str:
+    """Return a table of every component in the order of storage: its kind, who has it, and who writes and reads it."""
+    heads, lines = ("component", "kind", "archetypes", "written by", "read by"), list[tuple[str, ...]]()
+    for component in worlds.components:
+        columns = [[component.__name__], [component.__bases__[0].__name__], *_uses(worlds, component)]
+        lines += zip_longest(*columns, fillvalue="")
+    return text_table(lines, heads)
 
 
-def _use(worlds: Worlds, component: type[Component]) -> ComponentUse:
+def _uses(worlds: Worlds, component: type[Component]) -> tuple[list[str], list[str], list[str]]:
+    """Return the archetypes that have a component, and the systems that write it, or only add to it, and read it."""
     writers, readers = [], []
     for system in worlds.schedule.systems:
         kinds = {parameter.kind for parameter in system.parameters if component in parameter.components}
@@ -73,16 +60,6 @@ def _use(worlds: Worlds, component: type[Component]) -> ComponentUse:
             writers.append(system.label if "write" in kinds else f"{system.label} (adds)")
         if "read" in kinds:
             readers.append(system.label)
-    having = [
-        name
-        for name, archetype in worlds.layout.archetypes.items()
-        if component is Entity or component in map(type, archetype.parts)
-    ]
-    return ComponentUse(component.__name__, component.__bases__[0].__name__, having, writers, readers)
-
-
-def as_text(rows: list[ComponentUse]) -> str:
-    """Return columns of text, one archetype or system a line."""
-    heads = ("component", "kind", "archetypes", "written by", "read by")
-    cells = [([row.component], [row.kind], *row[2:]) for row in rows]
-    return text_table([line for row in cells for line in zip_longest(*row, fillvalue="")], heads)
+    archetypes = worlds.layout.archetypes.items()
+    having = [name for name, each in archetypes if component is Entity or component in map(type, each.parts)]
+    return having, writers, readers

@@ -12,12 +12,16 @@ import logging
 import re
 import secrets
 import socket
+import sys
+import threading
 import time
+import webbrowser
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 from ..errors import PlayError
+from ..progress import Messages
 
 HOST = "127.0.0.1"
 NAMES = (HOST, "localhost")
@@ -187,3 +191,11 @@ def listening(site: Site) -> Iterator[tuple[Listener, Gate]]:
         raise PlayError(f"port {site.port} of {site.host} is not to be had: {why}; {cure}") from None
     with Listener(bound) as listener:
         yield listener, Gate(listener.getsockname()[1], site)
+
+
+def announce(text: str, address: str, browser: bool = True) -> None:
+    """Print a text about a page, and open the page's address if a `browser` is wanted."""
+    print(text, file=Messages(sys.stdout), flush=True)
+    if browser:
+        # in a thread, as some calls wait for the browser to close
+        threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()

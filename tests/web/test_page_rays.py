@@ -14,7 +14,7 @@ from outlast.envs.inspect.world_json import describe, snapshot
 from outlast.envs.rendering import style as colors
 from outlast.envs.rendering.rgb import draw
 from outlast.envs.web.replay import write_page
-from outlast.envs.web.replay.pack import METRE, flat
+from outlast.envs.web.replay.pack import METRE, columns
 from outlast.systems import Lidar, Maze, Preparation
 from tests.web.browser import ticks
 
@@ -36,7 +36,8 @@ def test_descriptions_and_snapshots_have_the_rays_that_agents_observe() -> None:
             bearings = np.arctan2(*np.array(description["agents"][i]["rays"]).T[::-1])
             np.testing.assert_allclose(bearings, (2.0, 2 * np.pi)[i > 0] * (np.arange(-4, 5) / 9), atol=1e-3)
         read = np.rint(METRE * observations["lidar"][0]).ravel()
-        assert abs(flat(description, now)[:, None] - read).min(0).max() <= 1
+        packed = np.array(columns(description, now)["agent.rays"])
+        assert abs(packed[:, None] - read).min(0).max() <= 1
 
 
 @pytest.mark.parametrize("name", ["ffa_1", "teams_3"])

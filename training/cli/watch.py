@@ -8,7 +8,6 @@ from typing import Any
 
 from outlast.envs.api.options import PageOptions
 from outlast.envs.cli.options import add_import, add_options, import_files, printable
-from outlast.envs.web.announce import announce
 
 from ..base import run_header
 from ..base.errors import TrainingError, needed
@@ -38,7 +37,7 @@ def run(options: argparse.Namespace) -> int:
         import torch  # noqa: F401, which policies need, before anything is served
 
         from ..runs.watch import RunWatcher
-    from outlast.envs.web.gate import Site
+    from outlast.envs.web.gate import Site, announce
     from outlast.envs.web.replay.server import serving
 
     folder = options.run_folder

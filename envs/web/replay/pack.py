@@ -34,19 +34,24 @@ INT32 = np.iinfo(np.int32)
 class EpisodeTrack:
     """The record of one episode of one world.
 
-    rows: for each tick its numbers, int32 in the order of `columns`; numbers of FLOATS are the bits of a float32.
+    sizes: how many numbers a row has of each column, see `columns`. rows: for each tick its numbers, int32 in that
+    order; numbers of FLOATS are the bits of a float32.
     """
 
     description: Json
     number: int
     start: int  # tick of the first row
+    sizes: dict[str, int] = field(default_factory=dict)
     rows: list[Array] = field(default_factory=list)
     events: list[Json] = field(default_factory=list)  # each with the index of its row as "at"
 
     def add(self, snapshot: Json, events: Iterable[Json], thoughts: Array | None = None) -> None:
         """Add the state after a tick, what happened in the tick, and what the policy thought before it, (agents,)."""
         self.events += [{"at": len(self.rows), **event} for event in events]
-        self.rows.append(flat(self.description, snapshot, thoughts))
+        table = columns(self.description, snapshot, thoughts)
+        self.sizes = {name: len(values) for name, values in table.items()}
+        row = np.array([number for values in table.values() for number in values])
+        self.rows.append(row.clip(INT32.min, INT32.max).astype(np.int32))
 
 
 @dataclass
@@ -57,51 +62,32 @@ class PageRoom:
     recorded: dict[int, list[EpisodeTrack]]
 
 
-def columns(description: Json) -> list[tuple[str, int]]:
-    """Return (name, how many numbers a row has) of every column of an episode."""
-    agents, objects = len(description["agents"]), len(description["objects"])
-    actions, entities = description["actions"], description.get("entities")
-    table = [("zone", 6 if description["zone"] else 0)]
-    table += [(f"agent.{name}", agents) for name in ("x", "y", "angle", "alive", "health", "strike", "target")]
-    table += [("agent.bag", agents * description["slots"]), ("agent.sees", agents * words(description))]
-    table += [("agent.rays", agents * description["rays"])]
-    table += [("agent.action", agents * len(actions)), ("agent.reward", agents if description["rewards"] else 0)]
-    table += [(f"object.{name}", objects) for name in ("x", "y", "angle", "here", "owner", "wound")]
-    if description["looks"]:
-        table += [("body.ring", agents + objects), ("body.line", agents + objects)]
-    if entities is not None:
-        values = sum(action["high"] - action["low"] + 1 for action in actions)
-        rows = sum(kind["rows"] for kind in entities)
-        table += [("agent.value", agents), ("agent.likely", agents * values), ("agent.attends", agents * rows)]
-    return table
-
-
-def words(description: Json) -> int:
-    """Return how many numbers a bitset of all bodies takes."""
-    return -(-(len(description["agents"]) + len(description["objects"])) // WORD)
-
-
-def flat(description: Json, snapshot: Json, thoughts: Array | None = None) -> Array:
-    """Return a snapshot as int32 in the order of `columns`. -1: empty slots, and bitsets of agents that see everything.
+def columns(description: Json, snapshot: Json, thoughts: Array | None = None) -> dict[str, list[int]]:
+    """Return the numbers of a snapshot by column. -1: empty slots, and bitsets of agents that see everything.
 
     thoughts: policy_record.policy_dtype (agents,), if the description has `entities`.
     """
     agents, objects, slots = snapshot["agents"], snapshot["objects"], description["slots"]
-    numbers = [round(METRE * value) for value in snapshot["zone"] or ()]
-    numbers += _places(agents)
-    numbers += [int(agent[name]) for name in ("alive", "health", "strike", "target") for agent in agents]
-    numbers += [item for agent in agents for item in (agent["bag"] + slots * [-1])[:slots]]
-    numbers += [word for agent in agents for word in _bitset(agent["sees"], words(description))]
-    numbers += [round(METRE * far) for agent in agents for far in agent["rays"]]
-    numbers += [number for agent in agents for number in agent["action"]]
-    numbers += _bits([agent["reward"] for agent in agents] if description["rewards"] else [])
-    numbers += _places(objects)
-    numbers += [int(body[name]) for name in ("here", "owner", "wound") for body in objects]
-    numbers += [int(each) for name in ("rings", "lines") for each in snapshot[name]]
+    words = -(-(len(agents) + len(objects)) // WORD)  # numbers of a bitset of all bodies
+    table = {"zone": [round(METRE * value) for value in snapshot["zone"] or ()], **_places("agent", agents)}
+    for name in ("alive", "health", "strike", "target"):
+        table[f"agent.{name}"] = [int(agent[name]) for agent in agents]
+    table["agent.bag"] = [item for agent in agents for item in (agent["bag"] + slots * [-1])[:slots]]
+    table["agent.sees"] = [word for agent in agents for word in _bitset(agent["sees"], words)]
+    table["agent.rays"] = [round(METRE * far) for agent in agents for far in agent["rays"]]
+    table["agent.action"] = [number for agent in agents for number in agent["action"]]
+    table["agent.reward"] = _bits([agent["reward"] for agent in agents] if description["rewards"] else [])
+    table |= _places("object", objects)
+    for name in ("here", "owner", "wound"):
+        table[f"object.{name}"] = [int(body[name]) for body in objects]
+    if description["looks"]:
+        table |= {f"body.{name}": [int(each) for each in snapshot[f"{name}s"]] for name in ("ring", "line")}
     if thoughts is not None:
-        numbers += _bits(thoughts["value"])
-        numbers += _percent(thoughts["probabilities"]) + _percent(thoughts["attention"])
-    return np.array(numbers).clip(INT32.min, INT32.max).astype(np.int32)
+        table["agent.value"] = _bits(thoughts["value"])
+        table["agent.likely"], table["agent.attends"] = (
+            _percent(thoughts[name]) for name in ("probabilities", "attention")
+        )
+    return table
 
 
 def pack(rooms: Sequence[PageRoom]) -> bytes:
@@ -125,7 +111,7 @@ def pack(rooms: Sequence[PageRoom]) -> bytes:
 def _packed(episode: EpisodeTrack, blobs: list[bytes]) -> Json:
     """Return the header of an episode, and append its columns to `blobs`."""
     matrix, first, table = np.stack(episode.rows, 1), 0, []
-    for name, count in columns(episode.description):
+    for name, count in episode.sizes.items():
         values, floats = matrix[first : first + count], name in FLOATS
         steps = values if floats else np.diff(values.astype(np.int64), axis=1, prepend=0)
         steps = steps.astype(np.int16) if name in ANGLES else steps  # the shorter way round
@@ -144,9 +130,9 @@ def _narrowest(values: Array) -> np.dtype[Any]:
     return np.dtype(f"<i{fits[0] // 8 if fits else 4}")
 
 
-def _places(bodies: Sequence[Json]) -> list[int]:
-    lengths = [round(METRE * body[name]) for name in ("x", "y") for body in bodies]
-    return lengths + [round(RADIAN * body["angle"]) % TURN for body in bodies]
+def _places(of: str, bodies: Sequence[Json]) -> dict[str, list[int]]:
+    lengths = {f"{of}.{name}": [round(METRE * body[name]) for body in bodies] for name in ("x", "y")}
+    return lengths | {f"{of}.angle": [round(RADIAN * body["angle"]) % TURN for body in bodies]}
 
 
 def _bits(values: Any) -> list[int]:
