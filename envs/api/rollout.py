@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode
 
 from ..core.validation import Array, check_count
 from ..core.vector_env import SurvivalVectorEnv
-from ..errors import RecordingError, UsageError
+from ..errors import UsageError
 from ..inspect.event_table import with_episodes
 from ..recording import record as record_env
 from ..rollout import local
@@ -31,12 +31,11 @@ from ..rollout.lineup import (
 from ..rollout.memory import check_memories
 from ..rollout.policies import Policy, plain
 from ..rollout.summary import Summary
-from ..rollout.table_file import check_table, event_file
+from ..rollout.table_file import event_file
 from ..scenarios.known_numbers import Numbers
 from ..scenarios.parse import checks_keywords, options_of, resolve
 from ..scenarios.scenario import Scenario
 from ..storage.interrupts import left_whole
-from ..storage.outputs import check_file
 from .make import make_vec
 from .options import WORLDS
 
@@ -296,24 +295,13 @@ def _check_counts(**counts: tuple[Any, int]) -> None:
 
 
 def _check_files(record: File | None, record_policy: bool, events: File | None, csv: File | None) -> None:
-    """Check all files of a rollout, before anything is played or written.
-
-    Raises:
-        UsageError: `record_policy` without a recording, a table that cannot be written, or one file for two things.
-        RecordingError: The recording cannot be written.
-    """
+    """Raise UsageError for `record_policy` without a recording, or one file for two things."""
     if record_policy and record is None:
         raise UsageError("record_policy (--record-policy) is about recordings: name a file to record into, too")
     found: dict[str, str] = {}
     for name, path in {"record": record, "events": events, "csv": csv}.items():
         if path is not None and (other := found.setdefault(os.path.realpath(path), name)) != name:
             raise UsageError(f"{other} and {name} are both {os.fspath(path)}: give another name for one")
-    if record is not None:
-        check_file(record, "recordings", RecordingError, new=True)
-    if events is not None:
-        check_table(events, "events", typed=True)
-    if csv is not None:
-        check_table(csv, "episodes", typed=False)
 
 
 def check_decided(what: str, error: type[Exception], **given: Any) -> None:

@@ -12,6 +12,7 @@ from typing import Any
 
 from ..rendering import style
 from ..rendering.style import BLACK, BLUE, FLOOR, INK, RIM, SIZES, UNSAFE, WALL, WHITE, css, mix
+from .gate import content_policy
 
 SHARED = (
     "dom.js",
@@ -91,17 +92,7 @@ def assemble(
     return string.Template(asset("replay", "page.html")).substitute(
         title=html.escape(title),
         icon=ICON,
-        policy="; ".join(
-            [
-                "default-src 'none'",
-                f"script-src {_digest(script)}",
-                f"style-src {_digest(sheet)}",
-                "img-src data:",
-                f"connect-src {connect}",
-                "base-uri 'none'",
-                "form-action 'none'",
-            ]
-        ),
+        policy=content_policy(script=_digest(script), style=_digest(sheet), img="data:", connect=connect),
         style=sheet,
         script=script,
         data=data,
