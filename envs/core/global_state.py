@@ -1,6 +1,7 @@
 """The state of a whole world as one vector, for centralised critics."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium import spaces
@@ -15,6 +16,20 @@ from .spaces import bounds
 from .validation import Array
 
 POSE = ("x", "y", "angle")
+
+
+class Block(NamedTuple):
+    """Equal rows of the state.
+
+    Attributes:
+        names: The names of their numbers.
+        ends: For each number low, high, scale and whether it is in radians, float32 (4, numbers).
+        read: A function that returns the rows of some worlds, (..., rows, numbers of a row).
+    """
+
+    names: list[str]
+    ends: Array
+    read: Callable[[Any], Array]
 
 
 class GlobalState:
@@ -51,9 +66,9 @@ class GlobalState:
         known = np.concatenate([self.agents, self.items, self.objects, self.walls, around])
         self.bodies = np.setdiff1d(rows(Body), known)
         self.numbers = {name: n for name, n in worlds.layout.varied.items() if n.kind in (bool, int, float)}
-        blocks = [np.tile(block, count) for count, block in self._blocks()]
-        low, high, self.scale, radians = np.concatenate(blocks, 1, dtype=np.float32)
-        self.names = list(self._names())
+        self._blocks = [block for block in self._declared() if block.names]
+        low, high, self.scale, radians = np.concatenate([block.ends for block in self._blocks], 1, dtype=np.float32)
+        self.names = [name for block in self._blocks for name in block.names]
         self._scale: Scale | None = None
         if scaled:
             self._scale, low, high = Scale(self.scale, np.flatnonzero(radians), np.zeros(0, int)).limited(low, high)
@@ -61,52 +76,43 @@ class GlobalState:
 
     def __call__(self, w: int | slice = 0) -> Array:
         """Return the vector of world `w`, or of some worlds, (worlds, numbers): a new array."""
-        parts = [self._agents(w), self._objects(w), self._items(w), self._walls(w)]
-        parts += [self._bodies(w), self._numbers(w)]
-        if ZoneView in self.worlds:
-            parts.insert(1, self.worlds[ZoneView].zone[w, :1])  # differs only in fields of mechanics of one's own
-        flat = [part.reshape(*part.shape[:-2], -1) for part in parts if part.size]
-        state = np.concatenate(flat, -1, dtype=np.float32)
+        parts = [block.read(w) for block in self._blocks]
+        state = np.concatenate([part.reshape(*part.shape[:-2], -1) for part in parts], -1, dtype=np.float32)
         if self._scale is not None:
             self._scale.apply(state)
         return state
 
-    def _blocks(self) -> list[tuple[int, Array]]:
-        """Return, for every block, how many rows it has, and a row's low, high, scale and whether it is in radians.
+    def _declared(self) -> Iterator[Block]:
+        """Yield the blocks."""
+        worlds, known, fields, flag = self.worlds, bounds(self.worlds), self.worlds.layout.fields, _column(0, 1)
+        x, y, angle = np.hsplit(np.vstack([[[-np.inf] * 3, [np.inf] * 3], self._units("own", *POSE)]), 3)
+        half, size = _column(scale=VERTICES.scale), ("half_width", "half_height")
+        pose, sides = ([getattr(worlds[kind], name) for name in names] for kind, names in ((Body, POSE), (Shape, size)))
 
-        Those of a row are float32 (4, numbers).
-        """
-        known, flag, carrier = bounds(self.worlds), _column(0, 1), _column(0, len(self.agents), len(self.agents))
-        place = np.hsplit(np.vstack([[[-np.inf] * 3, [np.inf] * 3], self._units("own", *POSE)]), 3)
-        half, health = _column(scale=VERTICES.scale), _column(scale=self._toughest())
-        own = np.vstack([*np.stack(known["own"])[:, 0], self._units("own")])
-        zone = np.vstack([*np.stack(known["zone"])[:, 0], self._units("zone")]) if "zone" in known else None
-        return [
-            (len(self.agents), np.hstack([flag, own])),
-            *([] if zone is None else [(1, zone)]),
-            (len(self.objects), np.hstack([flag, *place, half, half, health])),
-            (len(self.items), np.hstack([flag, *place[:2], carrier])),
-            (len(self.walls), np.hstack([flag, *place, half, half])),
-            (len(self.bodies), np.hstack([flag, *place])),
-            *((1, _column(*_extent(number.distribution))) for number in self.numbers.values()),
-        ]
+        def block(rows: Array, names: Sequence[str], ends: Sequence[Array], read: Callable[[Any], Array]) -> Block:
+            called = [f"{self._called(row)}.{name}" for row in rows for name in names]
+            return Block(called, np.tile(np.hstack(ends), len(rows)), read)
 
-    def _names(self) -> Iterator[str]:
-        """Yield the names of the numbers, in the order of the blocks."""
-        fields, half = self.worlds.layout.fields, ("half_width", "half_height")
-        own, zone = (column_names(fields.get(key, {})) for key in ("own", "zone"))
-        blocks = [
-            (self.agents, ("alive", *own)),
-            (self.objects, ("stands", *POSE, *half, "health")),
-            (self.items, ("lies", "x", "y", "carrier")),
-            (self.walls, ("stands", *POSE, *half)),
-            (self.bodies, ("stands", *POSE)),
-        ]
-        entities = [[f"{self._called(row)}.{name}" for row in rows for name in names] for rows, names in blocks]
-        if ZoneView in self.worlds:
-            entities.insert(1, [f"zone.{name}" for name in zone])
-        for names in (*entities, [f"numbers.{name}" for name in self.numbers]):
-            yield from names
+        def standing(rows: Array, names: Sequence[str], ends: Sequence[Array], columns: list[Array]) -> Block:
+            return block(rows, ("stands", *names), (flag, *ends), lambda w: self._standing(w, rows, columns))
+
+        def seen(key: str) -> tuple[list[str], Array]:
+            return column_names(fields.get(key, {})), np.vstack([*np.stack(known[key])[:, 0], self._units(key)])
+
+        own, ends = seen("own")
+        yield block(self.agents, ("alive", *own), (flag, ends), self._agents)
+        if ZoneView in worlds:
+            zone, ends = seen("zone")  # differs between agents only in fields of mechanics of one's own
+            yield Block([f"zone.{name}" for name in zone], ends, lambda w: worlds[ZoneView].zone[w, :1])
+        health, points = _column(scale=self._toughest()), worlds[Health].points
+        solid = (x, y, angle, half, half)
+        yield standing(self.objects, (*POSE, *size, "health"), (*solid, health), [*pose, *sides, points])
+        carrier = _column(0, len(self.agents), len(self.agents))
+        yield block(self.items, ("lies", "x", "y", "carrier"), (flag, x, y, carrier), self._items)
+        yield standing(self.walls, (*POSE, *size), solid, [*pose, *sides])
+        yield standing(self.bodies, POSE, (x, y, angle), pose)
+        drawn = [_column(*_extent(number.distribution)) for number in self.numbers.values()]
+        yield Block([f"numbers.{name}" for name in self.numbers], np.hstack(drawn or [flag]), self._numbers)
 
     def _called(self, row: int) -> str:
         """Return the name of an entity, from its archetype and its number in that: "box_3"."""
@@ -128,32 +134,13 @@ class GlobalState:
         alive = self.worlds[Entity].alive[w][..., self.agents]
         return np.concatenate([alive[..., None], self.worlds[SelfView].own[w]], -1)
 
-    def _objects(self, w: int | slice) -> Array:
-        return self._standing(w, self.objects, [*self._rectangles(), self.worlds[Health].points])
-
     def _items(self, w: int | slice) -> Array:
-        body = self.worlds[Body]
+        body, holder = self.worlds[Body], self.worlds[Item].holder[w][..., self.items]
         rows = self._standing(w, self.items, [body.x, body.y])
-        if not len(self.items):  # then the component Item may be missing, too
-            return np.zeros((*rows.shape[:-1], 4))
-        holder = self.worlds[Item].holder[w][..., self.items]
         return np.concatenate([rows, np.where(holder >= 0, holder - self.first + 1, 0)[..., None]], -1)
-
-    def _walls(self, w: int | slice) -> Array:
-        return self._standing(w, self.walls, self._rectangles())
-
-    def _bodies(self, w: int | slice) -> Array:
-        return self._standing(w, self.bodies, [getattr(self.worlds[Body], name) for name in POSE])
-
-    def _rectangles(self) -> list[Array]:
-        """Return pose and half sides of all bodies, (worlds, rows) each."""
-        body, shape = self.worlds[Body], self.worlds[Shape]
-        return [getattr(body, name) for name in POSE] + [shape.half_width, shape.half_height]
 
     def _numbers(self, w: int | slice) -> Array:
         """Return the varied numbers as a block of one row: (..., 1, numbers)."""
-        if not self.numbers:
-            return np.zeros(0)
         known = self.worlds.numbers()
         return np.stack([known[name][w] for name in self.numbers], -1)[..., None, :]
 
