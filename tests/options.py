@@ -17,7 +17,7 @@ from typing import Any
 from outlast import systems
 from outlast.ecs import Module
 from outlast.envs.api import options as api
-from outlast.envs.core.options import WorldOptions, argument_of, default_of, flag_of, options_of
+from outlast.envs.core.options import WorldOptions, default_of, flag_of, options_of
 from outlast.training.base import config
 from outlast.training.plots.plot import PlotOptions
 
@@ -68,6 +68,17 @@ def parameters(path: Path, kind: Any) -> dict[str, str]:
         usual = f"{ast.unparse(each.annotation)} = {text}"
         found[name] = f"    {name}: {options_of(kind)[name].takes or usual},\n"
     return found
+
+
+def argument_of(kind: Any, name: str) -> str:
+    """Return what a docstring says of an option, as a sentence."""
+    own, usual = options_of(kind)[name], default_of(kind, name)
+    text = f"whether to {own.text}" if isinstance(usual, bool) else own.text
+    if own.takes.endswith("= None") and "default" not in text and isinstance(usual, int | str):
+        text += f" (default {usual})"
+    if any(str(each) not in text for each in own.choices):
+        text += f": {' or '.join(map(str, own.choices))}"
+    return f"{text[:1].upper()}{text[1:]}. {own.python}".strip()
 
 
 def arguments(kind: Any) -> dict[str, str]:

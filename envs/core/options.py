@@ -120,17 +120,6 @@ def help_of(kind: Any, name: str) -> str:
     return f"{own.text} (default {short})"
 
 
-def argument_of(kind: Any, name: str) -> str:
-    """Return what a docstring says of an option, as a sentence."""
-    own, usual = options_of(kind)[name], default_of(kind, name)
-    text = f"whether to {own.text}" if isinstance(usual, bool) else own.text
-    if own.takes.endswith("= None") and "default" not in text and isinstance(usual, int | str):
-        text += f" (default {usual})"
-    if any(str(each) not in text for each in own.choices):
-        text += f": {' or '.join(map(str, own.choices))}"
-    return f"{text[:1].upper()}{text[1:]}. {own.python}".strip()
-
-
 @dataclass(frozen=True)
 class WorldOptions:
     """The options of environments: of `outlast.make_vec`, and some of each adapter."""

@@ -103,8 +103,8 @@ class Recording:
         return f"<Recording {self.path}: {self.contents}{', cut off' if self.cut else ''}>"
 
     def _repr_html_(self) -> str:
-        """Return HTML for notebooks: a frame that plays the first world; see web.replay.from_recordings.frame."""
-        pages = import_module("outlast.envs.web.replay.from_recordings")  # imported here, as pages import this package
+        """Return HTML for notebooks: a frame that plays the first world; see web.replay.write.frame."""
+        pages = import_module("outlast.envs.web.replay.write")  # imported here, as pages import this package
         return str(pages.frame(self))
 
     def __len__(self) -> int:
