@@ -15,7 +15,6 @@ from ..inspect.event_table import with_episodes
 from ..recording import record as record_env
 from ..rollout import local
 from ..rollout.against import Against
-from ..rollout.episode_file import Ended, episode_file, numbered
 from ..rollout.lineup import (
     Entries,
     Lineup,
@@ -31,7 +30,7 @@ from ..rollout.lineup import (
 from ..rollout.memory import check_memories
 from ..rollout.policies import Policy, plain
 from ..rollout.summary import Summary
-from ..rollout.table_file import event_file
+from ..rollout.table_file import Ended, episode_file, event_file, numbered
 from ..scenarios.known_numbers import Numbers
 from ..scenarios.parse import checks_keywords, options_of, resolve
 from ..scenarios.scenario import Scenario

@@ -109,7 +109,7 @@ class Scenario:
         Raises:
             ScenarioError: The scenario does not have one of them.
         """
-        gone = [self._find(kind) for kind in kinds]
+        gone = [self[kind] for kind in kinds]
         return self._derived(modules=tuple(m for m in self.modules if not any(m is each for each in gone)))
 
     def with_(self, *modules: Module) -> "Scenario":
@@ -395,18 +395,15 @@ class Scenario:
 
     def __getitem__(self, kind: type[Module] | str) -> Module:
         """Return the mechanic of this class or name."""
-        return self._find(kind)
-
-    def __contains__(self, kind: type[Module] | str) -> bool:
-        return self._found(kind) is not None
-
-    def _find(self, kind: type[Module] | str) -> Module:
         if found := self._found(kind):
             return found
         known = [module.name for module in self.modules]
         name = kind if isinstance(kind, str) else getattr(kind, "__name__", repr(kind))
         hint = did_you_mean(snake_case(name), known, after=" ")
         raise ScenarioError(f"{self.name} has no module '{name}'; {hint}it has: {', '.join(known)}")
+
+    def __contains__(self, kind: type[Module] | str) -> bool:
+        return self._found(kind) is not None
 
     def _found(self, kind: type[Module] | str) -> Module | None:
         return next((module for module in self.modules if _is(module, kind)), None)

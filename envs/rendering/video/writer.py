@@ -1,7 +1,6 @@
 """Writing films: a file that is complete and was read back, or none."""
 
 import contextlib
-import itertools
 import os
 import re
 from collections.abc import Iterable, Iterator
@@ -44,17 +43,16 @@ def write_film(path: str | os.PathLike[str], frames: Iterable[Image], fps: int =
         FilmError: The path, frames or rate is not valid, FFmpeg is needed but missing, or the disk is full.
     """
     given, codec = Path(path), _checked(path, fps)
-    target = Path(os.path.realpath(given))
+    target, shapes = Path(os.path.realpath(given)), list[tuple[int, ...]]()
     try:
         with _temporary_folder(target) as folder:
             temporary = folder / f"film{ending(given)}"
-            stream = _FrameStream(frames, codec)
-            codec.write(temporary, iter(stream), int(fps))
-            _verify(temporary, codec, stream, given)
+            codec.write(temporary, _checked_frames(frames, codec, shapes), int(fps))
+            _verify(temporary, codec, shapes, given)
             _replace(temporary, target)
     except OSError as error:
         raise FilmError(f"{given} cannot be written: {error.strerror or error}") from error
-    return stream.count
+    return len(shapes)
 
 
 def ending(path: Path) -> str:
@@ -92,40 +90,27 @@ def _checked(path: str | os.PathLike[str], fps: Any) -> Codec:
     return codec
 
 
-class _FrameStream:
-    """Frames that are checked, padded and counted while they are written. shape: the shape of padded frames."""
-
-    def __init__(self, frames: Iterable[Image], codec: Codec) -> None:
-        self.frames, self.codec, self.count = iter(frames), codec, 0
-        self.shape: tuple[int, ...] = ()
-
-    def __iter__(self) -> Iterator[Image]:
-        first = next(self.frames, None)
-        if first is None:
-            raise FilmError("there are no frames: a film needs at least one")
-        size = np.shape(first)
-        for frame in itertools.chain([first], self.frames):
-            self._check(frame, size)
-            padded = self._padded(frame)
-            self.shape = padded.shape
-            self.count += 1
-            yield padded
-
-    def _check(self, frame: Any, size: tuple[int, ...]) -> None:
+def _checked_frames(frames: Iterable[Any], codec: Codec, shapes: list[tuple[int, ...]]) -> Iterator[Image]:
+    """Yield frames that are checked and padded, and append the shape of each to `shapes`. Raises FilmError."""
+    size: tuple[int, ...] = ()
+    for k, frame in enumerate(frames):
         if not isinstance(frame, np.ndarray) or frame.dtype != np.uint8 or frame.ndim != 3 or frame.shape[2] != 3:
             found = f"{frame.dtype} {frame.shape}" if isinstance(frame, np.ndarray) else type(frame).__name__
-            raise FilmError(f"frame {self.count} is {found}: uint8 (height, width, 3) is needed")
+            raise FilmError(f"frame {k} is {found}: uint8 (height, width, 3) is needed")
+        size = size or frame.shape
         if frame.shape != size:
             raise FilmError(
-                f"frame {self.count} has {frame.shape[1]} x {frame.shape[0]} pixels, those before it "
-                f"{size[1]} x {size[0]}: all need one size"
+                f"frame {k} has {frame.shape[1]} x {frame.shape[0]} pixels, those before it {size[1]} x {size[0]}: all "
+                "need one size"
             )
-        if not 0 < min(frame.shape[:2]) <= max(frame.shape[:2]) <= self.codec.largest:
-            raise FilmError(f"frames have {size[1]} x {size[0]} pixels: 1 to {self.codec.largest} are possible")
-
-    def _padded(self, frame: Image) -> Image:
-        odd = [side % 2 if self.codec.even else 0 for side in frame.shape[:2]]
-        return np.pad(frame, ((0, odd[0]), (0, odd[1]), (0, 0)), "edge") if any(odd) else frame
+        if not 0 < min(size[:2]) <= max(size[:2]) <= codec.largest:
+            raise FilmError(f"frames have {size[1]} x {size[0]} pixels: 1 to {codec.largest} are possible")
+        odd = [side % 2 if codec.even else 0 for side in size[:2]]
+        padded = np.pad(frame, ((0, odd[0]), (0, odd[1]), (0, 0)), "edge") if any(odd) else frame
+        shapes.append(padded.shape)
+        yield padded
+    if not shapes:
+        raise FilmError("there are no frames: a film needs at least one")
 
 
 @contextlib.contextmanager
@@ -139,17 +124,17 @@ def _temporary_folder(target: Path) -> Iterator[Path]:
         atomic_write.remove(folder)
 
 
-def _verify(temporary: Path, codec: Codec, stream: _FrameStream, target: Path) -> None:
+def _verify(temporary: Path, codec: Codec, shapes: list[tuple[int, ...]], target: Path) -> None:
     """Read back what was written. Raises FilmError if it is not complete."""
     try:
         found = codec.read(temporary)
     except ValueError as error:
         raise FilmError(f"{target} was not written whole: {error}") from error
-    if found != (stream.count, *stream.shape[:2]):
+    if found != (len(shapes), *shapes[0][:2]):
         count, height, width = found
         raise FilmError(
             f"{target} was not written whole: {count} frames of {width} x {height} can be read back, "
-            f"{stream.count} of {stream.shape[1]} x {stream.shape[0]} were written; is the disk full?"
+            f"{len(shapes)} of {shapes[0][1]} x {shapes[0][0]} were written; is the disk full?"
         )
 
 
