@@ -23,6 +23,8 @@ from ...inspect.events import events
 from ...inspect.observation_text import observation_text
 from ...inspect.world_json import describe, snapshot
 from ...rollout.lineup import Lineup, Others, entries_of
+from ...rollout.outcome import Standings, own_wins
+from ...rollout.summary import RESULTS
 from ...scenarios.scenario import Scenario
 
 Json = dict[str, Any]
@@ -67,7 +69,7 @@ class Game:
         except BaseException:
             self.env.close()
             raise
-        self.worlds = self.env.worlds
+        self.worlds, self._standings = self.env.worlds, Standings(self.env.worlds)
         self.ranges = {key: (int(c.low), int(c.high)) for key, _, _, c in published(self.worlds, Action)}
         self._others = Lineup(entries_of(others), self.env, agent)
         self.restart()
@@ -80,8 +82,7 @@ class Game:
         self._recent: deque[Json] = deque(maxlen=RECENT)
         self._held: Mapping[str, int] = {}
         self._tapped: dict[str, int] = {}
-        sides = {*side(self.worlds, 0).tolist()} - {-1}  # -1: the side of absent agents
-        self._last = dict.fromkeys(sides, 0)  # the last tick after which each side was alive
+        self._standings.begin(np.ones(1, bool))
         game = self.env.scenario
         world = {"name": game.name, "about": game.about, "agent": self.agent, "actions": self.ranges}
         world["comes_back"] = Respawned in self.worlds
@@ -163,9 +164,9 @@ class Game:
         self.agent = agent
 
     def _note_events(self) -> None:
-        """Keep which sides are alive, and the events of the tick."""
-        tick, sides = int(self.worlds[Clock].tick[0, 0]), side(self.worlds, 0)
-        self._last.update(dict.fromkeys(sides[alive(self.worlds, 0)].tolist(), tick))
+        """Keep how far sides have come, and the events of the tick."""
+        tick = int(self.worlds[Clock].tick[0, 0])
+        self._standings.watch()
         for event in events(self.worlds, 0):
             self._recent.append(event | {"tick": tick})
             if event["kind"] in ("kill", "death") and event["agent"] == self.agent:
@@ -179,14 +180,11 @@ class Game:
         kills: None if nobody can die. return: None if it is not finite.
         """
         episode, mine = self.worlds[Episode], int(side(self.worlds, 0)[self.agent])
-        come: dict[int, float] = {**self._last}
-        if decided := Outcome in self.worlds:
-            come = {each: float(self.worlds[Outcome].outcome[0, each]) for each in self._last}
-        others = [each for other, each in come.items() if other != mine]
-        best, own, paid = max(others, default=-1.0), come[mine], float(episode.returns[0, self.agent])
-        contested = others and (decided or outliving_wins(self.worlds.layout))
+        come, paid = self._standings.of(np.array([0])), float(episode.returns[0, self.agent])
+        decided = Outcome in self.worlds or outliving_wins(self.worlds.layout)
+        contested = decided and np.isfinite(come).sum() > 1
         return {
-            "verdict": "over" if not contested else "won" if own > best else "drawn" if own == best else "lost",
+            "verdict": RESULTS[int(2 - 2 * own_wins(come, np.array([mine]))[0])] if contested else "over",
             "truncated": bool(self.worlds[End].truncated[0, 0]),
             "kills": int(self.worlds[Kills].kills[0, mine]) if Kills in self.worlds else None,
             "length": int(episode.length[0, 0]),
