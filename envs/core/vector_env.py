@@ -492,11 +492,7 @@ class SurvivalVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
             ValueError: `out` has another shape or type.
         """
         self._tracker.check_running("state")
-        if out is None:
-            return self._global_state(slice(None))
-        array = writable("out", out, (self.num_worlds, *self.state_space.shape))
-        array[...] = self._global_state(slice(None))
-        return array
+        return _written(self._global_state(slice(None)), out)
 
     @exclusive
     def action_masks(self, out: Any = None) -> Actions:
@@ -517,11 +513,7 @@ class SurvivalVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
             ValueError: `out` has another shape or type, or actions are continuous.
         """
         self._tracker.check_running("action_masks")
-        if out is None:
-            return self._actions.masks()
-        array = writable("out", out, (self.num_worlds, self.worlds.dims["agents"], self.action_mask_size), bool)
-        array[...] = self._actions.masks()
-        return array
+        return _written(self._actions.masks(), out)
 
     @exclusive
     def events(self) -> dict[str, Array]:
@@ -628,6 +620,15 @@ class SurvivalVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
             "an environment cannot be pickled or copied; pickle what makes it, as "
             "functools.partial(outlast.make_vec, 'ffa_3', 64, seed=0), and what get_state() returns"
         )
+
+
+def _written(values: Array, out: Any) -> Array:
+    """Return the values, or the caller's memory `out` with them in it. Raises ValueError as `writable` does."""
+    if out is None:
+        return values
+    array = writable("out", out, values.shape, values.dtype)
+    array[...] = values
+    return array
 
 
 class StepBuffers:

@@ -51,12 +51,17 @@ def serving(feed: Feed, title: str, site: Site | None = None) -> Iterator[str]:
         PlayError: The site is not available.
     """
     # the page's policy lets only its inlined scripts run, and lets them connect to this server only
-    page = assemble(title, SCRIPTS, styles=STYLES, connect="'self'", PACKING=PACKING)
+    page = assemble(title, SCRIPTS, styles=STYLES, connect="'self'", PACKING=PACKING).encode()
     with listening(site or Site()) as (listener, gate):
         server = _Server(listener.getsockname(), _Handler, bind_and_activate=False)
         server.socket.close()
         server.socket = listener
-        server.gate, server.answers, server.logged = gate, _answers(feed, page), set()
+        server.gate, server.logged = gate, set()
+        server.answers = {  # the type and the content, by the path after the token
+            "": lambda: ("text/html", page),
+            "status.json": lambda: ("application/json", _json(feed.status())),
+            "episode.json": lambda: ("application/json", _json(feed.episode())),
+        }
         thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.1}, daemon=True)
         thread.start()
         try:
@@ -64,16 +69,6 @@ def serving(feed: Feed, title: str, site: Site | None = None) -> Iterator[str]:
         finally:
             server.shutdown()
             thread.join()
-
-
-def _answers(feed: Feed, page: str) -> dict[str, Callable[[], tuple[str, bytes]]]:
-    """Return, for each path after the token, a function that returns the type and the content."""
-    text = page.encode()
-    return {
-        "": lambda: ("text/html", text),
-        "status.json": lambda: ("application/json", _json(feed.status())),
-        "episode.json": lambda: ("application/json", _json(feed.episode())),
-    }
 
 
 def _json(value: Json | None) -> bytes:
