@@ -3,7 +3,7 @@
 import argparse
 from typing import Any
 
-from ..rollout.models import models
+from ..rollout.saved import models
 from ..text_table import text_table
 
 HEADS = ("preset", "seed", "agent-steps", " wins", "  bytes", "SHA-256", "name")

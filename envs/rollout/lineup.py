@@ -21,9 +21,8 @@ from ..errors import UsageError
 from ..scenarios.imports import member_of, module_of
 from ..scenarios.scenario import Scenario
 from .memory import Begins, has_memory, tell
-from .models import models
 from .policies import POLICIES, Policy, hashed, maker_of, others_policy
-from .saved import SAVED_AS, common_scenario, is_saved, load_saved, policy_file, text_of
+from .saved import SAVED_AS, common_scenario, is_saved, load_saved, models, policy_file, text_of
 
 Other = str | os.PathLike[str] | Policy
 Others = Other | Mapping[Any, float]  # one policy, or the weight of each of several

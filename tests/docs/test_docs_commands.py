@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from outlast.envs.cli.main import main
-from outlast.envs.rollout.models import models
-from outlast.envs.rollout.saved import CHECKPOINT
+from outlast.envs.rollout.saved import CHECKPOINT, models
 from tests.conftest import COMPILED
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -18,8 +18,7 @@ import pytest
 import outlast
 from outlast.envs.errors import UsageError
 from outlast.envs.rollout.lineup import checked_entries, parse_lineup
-from outlast.envs.rollout.models import fetched, models
-from outlast.envs.rollout.saved import CHECKPOINT, checkpoints, is_saved, located, policy_file, text_of
+from outlast.envs.rollout.saved import CHECKPOINT, checkpoints, fetched, is_saved, located, models, policy_file, text_of
 from outlast.envs.storage import kept_results
 from outlast.envs.storage.kept_results import ADDRESS, RESULTS
 from tests.conftest import run

@@ -13,9 +13,8 @@ from outlast.envs.core.validation import checked_actions
 from outlast.envs.core.vector_env import Actions, Arrays, SurvivalVectorEnv
 from outlast.envs.rollout.lineup import OWN_AS, checked_entries, is_own, maker
 from outlast.envs.rollout.memory import check_memories, told
-from outlast.envs.rollout.models import models
 from outlast.envs.rollout.policies import POLICIES, Policy
-from outlast.envs.rollout.saved import SAVED_AS, is_saved, newest, runs_in, text_of
+from outlast.envs.rollout.saved import SAVED_AS, is_saved, models, newest, runs_in, text_of
 
 from ..base.errors import TrainingError
 from ..base.noise import EpisodeNoise

@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from outlast.envs.core.vector_env import SurvivalVectorEnv
-from outlast.envs.rollout.models import models
-from outlast.envs.rollout.saved import SAVED_AS, is_saved, located
+from outlast.envs.rollout.saved import SAVED_AS, is_saved, located, models
 
 from ..arena.match import Act
 from ..arena.players import Contender

@@ -13,8 +13,7 @@ from typing import Any
 import torch
 
 from outlast.ecs.kernels.available import available_cores
-from outlast.envs.rollout.models import models
-from outlast.envs.rollout.saved import CHECKPOINT, ENDINGS, checkpoints, is_saved
+from outlast.envs.rollout.saved import CHECKPOINT, ENDINGS, checkpoints, is_saved, models
 from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.envs.storage.atomic_write import atomic_write, is_temporary
 from outlast.envs.storage.folder_lock import FolderLock, is_lock
