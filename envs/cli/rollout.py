@@ -24,7 +24,7 @@ from ..rollout.policies import POLICIES
 from ..rollout.summary import Summary
 from ..rollout.table_file import check_table
 from ..scenarios.scenario import Scenario
-from ..scenarios.varying_json import plain, same_for_all
+from ..scenarios.scenario_json import plain, same_for_all
 from ..storage.atomic_write import atomic_write
 from ..storage.outputs import check_file
 from .options import CLUSTER, STDOUT, STOPPED, add_options, add_quiet, add_scenario, messages_shown, printable, scenario

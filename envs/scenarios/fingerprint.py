@@ -14,7 +14,7 @@ from outlast.ecs.kernels.frozen_values import is_outside
 from ..errors import ScenarioError
 from .mechanics import rebuilt_mechanics
 from .scenario import Scenario
-from .varying_json import plain, restored
+from .scenario_json import plain, restored
 
 LARGEST = 2**22  # bytes of the state of one world at most
 LONGEST = 200  # characters of a name or another word at most
@@ -33,7 +33,7 @@ def fingerprint(scenario: Scenario) -> dict[str, Any]:
     For a derived scenario it is the name of its root, and the "label" is its own. If there is any, the fingerprint also
     has "order", the chains of `Scenario.ordered`; "code", which identifies mechanics that are not outlast's own: by
     name, the full name of the class, the version of Python and the hash of its code (see code_hash); and the entries of
-    `varying_json.plain`.
+    `scenario_json.plain`.
     """
     numbers: dict[str, Any] = json.loads(json.dumps(scenario.numbers()))
     name, label = (_line(each.name) for each in (scenario.root, scenario))

@@ -22,8 +22,8 @@ from .entry_points import installed, scenario_of_package
 from .imports import mechanic_in, scenario_in
 from .mechanics import imported
 from .scenario import Scenario
+from .scenario_json import distribution_of, roles_of
 from .variants import ALIASES, VARIANTS, variant
-from .varying_json import distribution_of, roles_of
 
 Params = ParamSpec("Params")
 Result = TypeVar("Result")
@@ -167,7 +167,7 @@ def distribution(text: str) -> Distribution:
 
 
 def with_roles(scenario: Scenario, path: str | os.PathLike[str]) -> Scenario:
-    """Return the scenario with the roles in a file, which has the form ROLES; see varying_json.plain_roles.
+    """Return the scenario with the roles in a file, which has the form ROLES; see scenario_json.plain_roles.
 
     Raises:
         ScenarioError: The file cannot be read, or is something else.

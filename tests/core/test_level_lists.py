@@ -19,7 +19,7 @@ from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import NotResetError, RecordingError, StateError
 from outlast.envs.levels import check
 from outlast.envs.scenarios.parse import with_roles
-from outlast.envs.scenarios.varying_json import plain_roles
+from outlast.envs.scenarios.scenario_json import plain_roles
 from outlast.errors import ScenarioError
 from outlast.levels import FloorPlan, Level
 from outlast.systems import Maze

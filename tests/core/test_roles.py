@@ -18,7 +18,7 @@ from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import StateError
 from outlast.envs.scenarios.fingerprint import classes, difference, fingerprint, is_fingerprint, rebuilt
 from outlast.envs.scenarios.parse import with_roles
-from outlast.envs.scenarios.varying_json import plain_roles, roles_of
+from outlast.envs.scenarios.scenario_json import plain_roles, roles_of
 from outlast.systems import DropLast, Melee, Teams
 from tests.conftest import COMPILED, draw_actions, run, scaled
 from tests.helpers.mechanics import kind

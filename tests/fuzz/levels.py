@@ -16,7 +16,7 @@ from outlast.ecs import DeclarationError, NumberError
 from outlast.envs.errors import FaultError
 from outlast.envs.scenarios.fingerprint import planned
 from outlast.envs.scenarios.parse import with_roles
-from outlast.envs.scenarios.varying_json import plain_roles
+from outlast.envs.scenarios.scenario_json import plain_roles
 from outlast.errors import ScenarioError
 from outlast.levels import FloorPlan
 from tests.fuzz.mutations import mutated, mutated_json, to_json

@@ -22,7 +22,7 @@ from outlast.envs.cli.main import main
 from outlast.envs.datasets.export import export_dataset
 from outlast.envs.datasets.samples import Selection
 from outlast.envs.errors import FilmError, PageError, PlayError, RecordingError
-from outlast.envs.inspect.events import events
+from outlast.envs.inspect.world_json import events
 from outlast.envs.recording import Recording, Replay
 from outlast.envs.rendering.scene import Scene
 from outlast.envs.web.play.game import Game

@@ -12,7 +12,7 @@ import outlast
 from outlast.components import Bag, Phase, Side
 from outlast.ecs import Array, Clock, DeclarationError, Event, Module, Read, Rows, Singleton, Write, column, emit
 from outlast.envs.inspect.event_table import COLUMNS, event_table
-from outlast.envs.inspect.events import events
+from outlast.envs.inspect.world_json import events
 from outlast.envs.rollout import table_file
 from outlast.envs.rollout.policies import POLICIES, random_policy
 from tests.conftest import interrupted_after, run

@@ -19,9 +19,8 @@ from ...core.agents import alive, fewest_agents, side
 from ...core.spaces import published
 from ...core.vector_env import SurvivalVectorEnv
 from ...errors import PlayError
-from ...inspect.events import events
 from ...inspect.observation_text import observation_text
-from ...inspect.world_json import describe, snapshot
+from ...inspect.world_json import describe, events, snapshot
 from ...rollout.lineup import Lineup, Others, entries_of
 from ...rollout.outcome import Standings, own_wins
 from ...rollout.summary import RESULTS

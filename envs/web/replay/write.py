@@ -11,8 +11,7 @@ from outlast.components import Side
 from outlast.ecs import Clock, Worlds
 
 from ...errors import PageError
-from ...inspect.events import events
-from ...inspect.world_json import Json, bodies_of, describe, snapshot
+from ...inspect.world_json import Json, bodies_of, describe, events, snapshot
 from ...progress import Progress
 from ...recording import Recording, Replay
 from ...recording.reader import last_tick, rows_of
