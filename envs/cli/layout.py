@@ -16,8 +16,7 @@ from ..core.options import GAME, OUTPUT
 from ..errors import ScenarioError, UsageError
 from ..rendering.canvas import png
 from ..rendering.video.footage import check_pictures, footage, near_square
-from ..scenarios.floor_parts import in_words
-from ..scenarios.floor_plan import GENERATORS, LAYOUT, FloorPlan
+from ..scenarios.floor_plan import GENERATORS, LAYOUT, FloorPlan, in_words
 from ..storage.atomic_write import atomic_write
 from ..storage.outputs import check_file
 from .options import VARIANT, add_changes, add_number, add_options, path, scenario

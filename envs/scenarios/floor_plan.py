@@ -8,7 +8,9 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from string import ascii_uppercase
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from outlast.components import Body, Floor, Shape, Wall
 from outlast.components.limits import FAR
@@ -17,12 +19,12 @@ from outlast.ecs.kernels.errors import did_you_mean
 from outlast.ecs.kernels.integers import is_whole
 from outlast.systems import Maze, Pillars, Room, Rooms, Walls
 from outlast.systems.geometry.places import ENTRY, ITEMS, WALL, kind_use
+from outlast.systems.geometry.plans import are_free, connected, corners
 
 from ..errors import ScenarioError
 from ..storage import strict_json
 from ..storage.atomic_write import atomic_write
 from ..storage.limited_read import read_text
-from .floor_parts import Part, parts_of
 
 Rectangle = tuple[float, float, float, float, float]
 FORMAT, VERSION = "outlast floor plan", 1
@@ -31,7 +33,26 @@ MOST = 450  # rectangles at most, as physics takes at most 512 bodies
 LARGEST = 2**20  # bytes of a file at most
 BLANK = ". "  # floor, in a drawing
 LONGEST_LINE = 1000  # characters of a line of a drawing, and number of lines, at most
+CELLS = 10  # points of the lattice of a floor per diameter of the disc
+LATTICE = 1000  # points along a side of the room at most; in larger rooms they are farther apart
+LISTED = 4  # parts that a sentence lists at most
 EXAMPLE = "(x, y, width, height) or (x, y, width, height, angle), in metres and radians"
+
+
+class Part(NamedTuple):
+    """A part of the floor in which a disc can get everywhere, but which it cannot leave.
+
+    Attributes:
+        x: Position of a point in the part, near its middle, where the middle of the disc can be, metres.
+        y: Likewise.
+        area: The area that the middle of the disc can reach, square metres.
+        starts: Indices of the start areas that overlap it.
+    """
+
+    x: float
+    y: float
+    area: float
+    starts: tuple[int, ...]
 
 
 @dataclass(frozen=True)
@@ -346,3 +367,76 @@ def _cut_out(grid: list[list[str]], row: int, column: int, sign: str) -> tuple[i
     for line in grid[row : row + high]:
         line[column : column + wide] = "." * wide
     return wide, high
+
+
+def parts_of(
+    walls: Iterable[Any], starts: Sequence[Any], width: float, room: tuple[float, float]
+) -> list[Part]:
+    """Return the parts of a floor, the largest first; see FloorPlan.parts.
+
+    Args:
+        walls: Rectangles (x, y, width, height, angle), metres and radians.
+        starts: Rectangles of the start areas, likewise.
+        width: The diameter of the disc, metres.
+        room: Width and height of the floor, metres.
+
+    Raises:
+        ScenarioError: There is no width or no room, or lattice points would be farther apart than the disc's radius.
+    """
+    step = max(width / CELLS, max(room) / LATTICE)
+    if not (width > 0 and min(room) > 0 and step <= width / 2):
+        raise ScenarioError(
+            f"parts: a disc of {width:g} m on a floor of {room[0]:g} x {room[1]:g} m; a diameter from a "
+            f"{LATTICE // 2}th of the floor's longer side on is needed"
+        )
+    counts = [math.ceil(side / step) for side in room]
+    x, y = np.meshgrid(*(((np.arange(n) + 0.5) / n - 0.5) * side for n, side in zip(counts, room, strict=True)))
+    cell = room[0] * room[1] / math.prod(counts)
+    free = are_free(x, y, (), room, width / 2)
+    for wall in walls:
+        ends = np.array(corners(wall))
+        near = _around(y[:, 0], ends.imag, width), _around(x[0], ends.real, width)
+        free[near] &= are_free(x[near], y[near], [wall], room, width / 2)
+    labels = connected(free)
+    inside = [_is_in(area, x, y) for area in starts]
+    found = [_part(x, y, labels == n, inside, cell) for n in range(1, int(labels.max(initial=0)) + 1)]
+    return sorted(found, key=lambda part: -part.area)
+
+
+def in_words(parts: Sequence[Part], owners: Sequence[float | str], width: float) -> str:
+    """Return a text that a floor has several parts, where they are and who starts there; "" if there is at most one.
+
+    Args:
+        parts: See `parts_of`.
+        owners: Who starts in each start area: a side, or "items".
+        width: The diameter of the disc, metres.
+    """
+    if len(parts) < 2:
+        return ""
+    listed = []
+    for part in parts[:LISTED]:
+        who = sorted({"items" if owners[k] == "items" else f"side {owners[k]}" for k in part.starts})
+        there = f", where {' and '.join(who)} start" if who else ""
+        listed.append(f"{part.area:.3g} square metres around ({part.x:.3g}, {part.y:.3g}){there}")
+    more = [f"{len(parts) - LISTED} more"] * (len(parts) > LISTED)
+    return f"agents {width:.3g} m wide cannot get from one part of the floor to another: {'; '.join(listed + more)}"
+
+
+def _around(points: Any, ends: Any, margin: float) -> slice:
+    """Return the slice of the sorted points along an axis that are between the ends, or up to `margin` beyond them."""
+    first, last = np.searchsorted(points, (ends.min() - margin, ends.max() + margin))
+    return slice(int(first), int(last))
+
+
+def _is_in(area: Rectangle, x: Any, y: Any) -> Any:
+    """Return which points are in a rectangle, bool of the shape of x and y."""
+    turned = ((x - area[0]) + 1j * (y - area[1])) * np.exp(-1j * area[4])
+    return (abs(turned.real) <= area[2] / 2) & (abs(turned.imag) <= area[3] / 2)
+
+
+def _part(x: Any, y: Any, own: Any, inside: Sequence[Any], cell: float) -> Part:
+    """Return the part that consists of the points `own`. cell: square metres that each of them stands for."""
+    xs, ys = x[own], y[own]
+    middle = int(np.hypot(xs - xs.mean(), ys - ys.mean()).argmin())
+    starts = tuple(k for k, area in enumerate(inside) if (area & own).any())
+    return Part(float(xs[middle]), float(ys[middle]), float(own.sum()) * cell, starts)
