@@ -19,8 +19,8 @@ from .envs.recording import Recording as Recording
 from .envs.recording import Replay as Replay
 from .envs.recording import record as record
 from .envs.rendering.rgb import draw as draw
-from .envs.scenarios.ablations import ABLATIONS as ABLATIONS
 from .envs.scenarios.scenario import Scenario as Scenario
+from .envs.scenarios.variants import ABLATIONS as ABLATIONS
 from .envs.scenarios.variants import VARIANTS as VARIANTS
 from .envs.scenarios.variants import variant as variant
 from .envs.snapshots.state import State as State

@@ -5,9 +5,8 @@ import logging
 from typing import Any
 
 from ..errors import ScenarioError
-from ..scenarios.ablations import ABLATIONS
 from ..scenarios.entry_points import installed, package, scenario_of_package
-from ..scenarios.variants import ALIASES, VARIANTS
+from ..scenarios.variants import ABLATIONS, ALIASES, VARIANTS
 from ..text_table import terminal_width, text_table
 
 LOGGER = logging.getLogger(__name__)

@@ -369,9 +369,7 @@ def _cut_out(grid: list[list[str]], row: int, column: int, sign: str) -> tuple[i
     return wide, high
 
 
-def parts_of(
-    walls: Iterable[Any], starts: Sequence[Any], width: float, room: tuple[float, float]
-) -> list[Part]:
+def parts_of(walls: Iterable[Any], starts: Sequence[Any], width: float, room: tuple[float, float]) -> list[Part]:
     """Return the parts of a floor, the largest first; see FloorPlan.parts.
 
     Args:
