@@ -12,7 +12,7 @@ The scenarios of installed packages are registered by their own names: ``outlast
 
 import gymnasium
 
-from ..scenarios.entry_points import installed
+from ..scenarios.imports import installed
 from ..scenarios.variants import VARIANTS
 
 VERSION = "v1"  # version of the environments, to be raised when their behaviour changes

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from ..rollout.policies import POLICIES
-from ..scenarios.entry_points import installed
 from ..scenarios.floor_plan import GENERATORS
+from ..scenarios.imports import installed
 from ..scenarios.variants import VARIANTS
 from .grammar import Parser
 from .overview import summaries

@@ -5,7 +5,7 @@ import logging
 from typing import Any
 
 from ..errors import ScenarioError
-from ..scenarios.entry_points import installed, package, scenario_of_package
+from ..scenarios.imports import installed, package, scenario_of_package
 from ..scenarios.variants import ABLATIONS, ALIASES, VARIANTS
 from ..text_table import terminal_width, text_table
 

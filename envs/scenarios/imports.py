@@ -1,10 +1,17 @@
-"""Scenarios and mechanics in files and modules that the user names: "mygame.py:arena", "package.module:Swamp"."""
+"""Scenarios and mechanics in files and modules that the user names: "mygame.py:arena", "package.module:Swamp".
 
+Also scenarios of installed packages: entry points of the group `outlast.scenarios`, NAME = "package.module:scenario".
+"""
+
+import functools
 import importlib
 import importlib.util
+import logging
+import re
 import sys
 import traceback
 from collections.abc import Callable, Collection
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from types import ModuleType
 from typing import Any, TypeVar
@@ -15,8 +22,11 @@ from outlast.ecs.kernels.frozen_values import LIBRARIES
 
 from ..errors import ScenarioError
 from .scenario import Scenario
+from .variants import ALIASES, VARIANTS
 
 Result = TypeVar("Result")
+GROUP = "outlast.scenarios"
+LOGGER = logging.getLogger("outlast")
 NOT_THEIRS = {*LIBRARIES, "outlast"}  # packages in whose code a user's mistake cannot be
 
 
@@ -152,3 +162,37 @@ def _failed(shown: str, error: BaseException) -> ScenarioError:
     place = places[-1] if places else shown
     text = " ".join(str(error).split())
     return ScenarioError(f"{place}: {type(error).__name__}{text and f': {text}'}")
+
+
+@functools.cache  # cached, so that each warning is given once
+def installed() -> dict[str, EntryPoint]:
+    """Return the scenarios of installed packages by name, without importing anything of them.
+
+    A scenario that cannot be used by its name is left out, with a warning that names the package.
+    """
+    found = dict[str, EntryPoint]()
+    for entry in sorted(entry_points(group=GROUP), key=lambda entry: (entry.name, package(entry))):
+        if entry.name in VARIANTS or entry.name in ALIASES:
+            problem = "that is the name of a variant"
+        elif not re.fullmatch(r"[A-Za-z][\w-]*", entry.name):
+            problem = "a name has letters, digits, - and _ only"
+        elif entry.name in found and found[entry.name].value != entry.value:
+            problem = f"{package(found[entry.name])} has one of that name, too"
+        else:
+            found[entry.name] = entry
+            continue
+        LOGGER.warning("the scenario '%s' of the package %s is left out: %s", entry.name, package(entry), problem)
+    return found
+
+
+def package(entry: EntryPoint) -> str:
+    """Return the name of the package that an entry point belongs to."""
+    return entry.dist.name if entry.dist else entry.module
+
+
+def scenario_of_package(entry: EntryPoint) -> Scenario:
+    """Import the scenario of an entry point. Raises a ScenarioError that names the package."""
+    try:
+        return scenario_in(entry.module, entry.attr, entry.name)
+    except ScenarioError as error:
+        raise ScenarioError(f"the scenario '{entry.name}' of the package {package(entry)}: {error}") from error

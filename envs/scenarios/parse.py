@@ -17,8 +17,7 @@ from outlast.ecs.kernels.errors import did_you_mean
 from ..errors import KeywordError, ScenarioError
 from ..storage import strict_json
 from ..storage.limited_read import read_text
-from .entry_points import installed, scenario_of_package
-from .imports import mechanic_in, scenario_in
+from .imports import installed, mechanic_in, scenario_in, scenario_of_package
 from .mechanics import imported
 from .scenario import Scenario
 from .scenario_json import distribution_of, roles_of

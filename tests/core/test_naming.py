@@ -14,7 +14,7 @@ import pytest
 import outlast
 from outlast.envs.cli.main import main
 from outlast.envs.errors import ScenarioError
-from outlast.envs.scenarios import entry_points
+from outlast.envs.scenarios import imports as entry_points
 from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.envs.scenarios.parse import named, resolve
 
