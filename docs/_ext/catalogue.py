@@ -265,8 +265,10 @@ def _component(kind: type[Component]) -> str:
 
 def component_uses(name: str) -> str:
     """Which systems write and read each component in a variant, as `outlast schedule --components` prints it."""
+    made = worlds(name)
     rows = [
-        [code(use.component), use.kind, *(", ".join(map(code, each)) for each in use[2:])] for use in uses(worlds(name))
+        [code(each.__name__), each.__bases__[0].__name__, *(", ".join(map(code, own)) for own in uses(made, each))]
+        for each in made.components
     ]
     return grid(["component", "kind", "archetypes", "written by", "read by"], rows)
 

@@ -46,12 +46,12 @@ def _components(worlds: Worlds) -> str:
     """Return a table of every component in the order of storage: its kind, who has it, and who writes and reads it."""
     heads, lines = ("component", "kind", "archetypes", "written by", "read by"), list[tuple[str, ...]]()
     for component in worlds.components:
-        columns = [[component.__name__], [component.__bases__[0].__name__], *_uses(worlds, component)]
+        columns = [[component.__name__], [component.__bases__[0].__name__], *uses(worlds, component)]
         lines += zip_longest(*columns, fillvalue="")
     return text_table(lines, heads)
 
 
-def _uses(worlds: Worlds, component: type[Component]) -> tuple[list[str], list[str], list[str]]:
+def uses(worlds: Worlds, component: type[Component]) -> tuple[list[str], list[str], list[str]]:
     """Return the archetypes that have a component, and the systems that write it, or only add to it, and read it."""
     writers, readers = [], []
     for system in worlds.schedule.systems:

@@ -90,7 +90,8 @@ class GlobalState:
         pose, sides = ([getattr(worlds[kind], name) for name in names] for kind, names in ((Body, POSE), (Shape, size)))
 
         def block(rows: Array, names: Sequence[str], ends: Sequence[Array], read: Callable[[Any], Array]) -> Block:
-            called = [f"{self._called(row)}.{name}" for row in rows for name in names]
+            entities = [worlds.layout.entity_names[row].replace(" ", "_") for row in rows]
+            called = [f"{entity}.{name}" for entity in entities for name in names]
             return Block(called, np.tile(np.hstack(ends), len(rows)), read)
 
         def standing(rows: Array, names: Sequence[str], ends: Sequence[Array], columns: list[Array]) -> Block:
@@ -113,10 +114,6 @@ class GlobalState:
         yield standing(self.bodies, POSE, (x, y, angle), pose)
         drawn = [_column(*_extent(number.distribution)) for number in self.numbers.values()]
         yield Block([f"numbers.{name}" for name in self.numbers], np.hstack(drawn or [flag]), self._numbers)
-
-    def _called(self, row: int) -> str:
-        """Return the name of an entity, from its archetype and its number in that: "box_3"."""
-        return next(f"{name}_{row - span.start}" for name, span in self.worlds.layout.spans.items() if row in span)
 
     def _units(self, key: str, *names: str) -> Array:
         """Return scale and whether in radians, (2, columns), of these fields of an observation, or of all of it."""

@@ -313,13 +313,8 @@ def _place(scene: Scene, e: int) -> Json:
 
 
 def _number(value: float) -> float:
-    """Round a number; infinities and NaN become 0."""
-    return round(_finite(value), DIGITS)
-
-
-def _finite(value: float) -> float:
-    """Return the number, or 0 if it is not finite, which JSON cannot express."""
-    return value if math.isfinite(value) else 0.0
+    """Round a number; infinities and NaN, which JSON cannot express, become 0."""
+    return round(value, DIGITS) if math.isfinite(value) else 0.0
 
 
 @dataclass(frozen=True)

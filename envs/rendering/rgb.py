@@ -15,6 +15,7 @@ from outlast.ecs.kernels.integers import is_whole
 from .canvas import LARGEST, SMALLEST, Canvas, Image, png
 from .layers import LAYERS
 from .layers.layer import Layer, Strip, paint, paint_strips
+from .layers.others import kinds
 from .scene import Scene
 from .style import WALL
 
@@ -188,9 +189,5 @@ def _agents(scene: Scene) -> Iterator[str]:
         elif Health in scene and can_hurt(scene.worlds.layout):
             words.append(f"health {scene[Health].points[e]}")
         if e in alive and Bag in scene:
-            words += [_kind(scene, item) for item in scene[Bag].items[e] if item >= 0]
+            words += [kinds(scene.worlds.layout)[item] for item in scene[Bag].items[e] if item >= 0]
         yield " ".join(words)
-
-
-def _kind(scene: Scene, row: int) -> str:
-    return next(name for name, span in scene.worlds.layout.spans.items() if row in span)

@@ -9,12 +9,7 @@ from typing import Any
 
 from outlast.ecs import Distribution, Module, NumberError, Roles
 from outlast.ecs.declarations.distributions import CHOICE, FREE, INTEGERS, LOG_UNIFORM
-from outlast.ecs.kernels.errors import meant
 
-ELSEWHERE = {  # names that users take for numbers, and what to use instead
-    "max_episode_steps": "the time limit of a scenario is its number ending_limit",
-    "seed": "environments are seeded by reset(seed=...), those of gymnasium.make by nothing else",
-}
 LONGEST = 60  # characters of all changes in a name (a hash stands for the rest), and of one change in a sentence
 
 
@@ -40,17 +35,6 @@ def changes(before: Sequence[Module], after: Sequence[Module], began: Mapping[st
     found = [f"without {module.name}" for module in before if module.slot() not in here]
     found += [f"with {module.name}" for module in new]
     return found + [f"{_short(name)}={shown(value)}" for name, value in now.items() if value != usual[name]]
-
-
-def find_number(scenario: Any, asked: str, options: Iterable[str]) -> tuple[str, str]:
-    """Return the module and the number of that name, see Scenario.find_number. Raises NumberError."""
-    key = in_full(asked)
-    for module in scenario.modules:
-        name = key.removeprefix(f"{module.name}_")
-        if name != key and any(item.name == name for item in dataclasses.fields(module)):
-            return module.name, name
-    hint = ELSEWHERE.get(asked) or meant(asked, scenario.known_numbers(), options)
-    raise NumberError(f"{scenario.name} has no number '{asked}'; {hint}")
 
 
 def in_full(name: str) -> str:

@@ -12,7 +12,7 @@ from typing import Any
 from outlast.ecs import Distribution, Module, NumberError, Role, Roles, Worlds
 from outlast.ecs.declarations.component import snake_case
 from outlast.ecs.declarations.roles import NEVER
-from outlast.ecs.kernels.errors import did_you_mean
+from outlast.ecs.kernels.errors import did_you_mean, meant
 from outlast.ecs.memory.numbers import checked_roles, place
 from outlast.systems import ObserveRoles
 from outlast.systems.role_limits import limits
@@ -26,8 +26,8 @@ from .derivation import (
     as_filename,
     by_full_name,
     defaults,
-    find_number,
     following,
+    in_full,
     leaders,
     numbers,
     titles,
@@ -37,6 +37,10 @@ from .scenario_json import added, arguments, as_form
 Number = float | str | Sequence[float]  # integers and bools, too: type checkers take them for floats
 LOGGER = logging.getLogger("outlast")
 STYLES = ("scripted", "camper", "hunter", "hoarder", "healer")  # policies that a scenario may have its own of
+ELSEWHERE = {  # names that users take for numbers, and what to use instead
+    "max_episode_steps": "the time limit of a scenario is its number ending_limit",
+    "seed": "environments are seeded by reset(seed=...), those of gymnasium.make by nothing else",
+}
 Policies = tuple[tuple[str, Callable[..., Any]], ...]
 
 
@@ -413,7 +417,13 @@ class Scenario:
 
         NumberError if there is none; its hint also considers the `options` of a function.
         """
-        return find_number(self, asked, options)
+        key = in_full(asked)
+        for module in self.modules:
+            name = key.removeprefix(f"{module.name}_")
+            if name != key and any(item.name == name for item in dataclasses.fields(module)):
+                return module.name, name
+        hint = ELSEWHERE.get(asked) or meant(asked, self.known_numbers(), options)
+        raise NumberError(f"{self.name} has no number '{asked}'; {hint}")
 
     def known_numbers(self) -> list[str]:
         """Return every name that `replace` takes: "melee_damage", "n_agents"."""

@@ -280,9 +280,8 @@ def test_the_schedule_is_the_golden_one() -> None:
 @pytest.mark.parametrize("name", ["ffa_1", "teams_4", "teams_4+steering"])
 def test_the_table_of_components_agrees_with_the_schedule(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     worlds = Worlds(variant(name).modules, 1)
-    rows = {use.component: use for use in uses(worlds)}
-    assert list(rows) == [component.__name__ for component in worlds.components]
-    written = [(use.component, label) for use in rows.values() for label in use.writers]
+    rows = {component.__name__: uses(worlds, component) for component in worlds.components}
+    written = [(name, label) for name, (_, writers, _) in rows.items() for label in writers]
     given = {(component, label.removesuffix(" (adds)"), "(adds)" in label) for component, label in written}
     declared = {
         (component.__name__, system.label, parameter.kind)
@@ -291,16 +290,16 @@ def test_the_table_of_components_agrees_with_the_schedule(name: str, capsys: pyt
         for component in parameter.components
     }
     assert given == {(name, label, kind == "add") for name, label, kind in declared if kind in ("write", "add")}
-    read = {(use.component, label) for use in rows.values() for label in use.readers}
+    read = {(name, label) for name, (*_, readers) in rows.items() for label in readers}
     assert read == {(name, label) for name, label, kind in declared if kind == "read"}
     for component in worlds.components:
         rows_of = set(worlds.layout.rows(component))
         having = {kind for kind, span in worlds.layout.spans.items() if rows_of.issuperset(span)}
-        assert set(rows[component.__name__].archetypes) == (set() if issubclass(component, Singleton) else having)
+        assert set(rows[component.__name__][0]) == (set() if issubclass(component, Singleton) else having)
     assert main(["schedule", name, "--components"]) == 0
     printed = capsys.readouterr().out
     assert printed.startswith("component ")
-    assert all(word in printed for use in rows.values() for word in (use.component, *use.writers, *use.readers))
+    assert all(word in printed for name, (_, *users) in rows.items() for word in (name, *users[0], *users[1]))
 
 
 # ---- mechanics of one's own: two in one file, of one name, and subclasses

@@ -49,14 +49,11 @@ def winner(scene: Scene) -> int | None:
     """Return the side that came farther than all others, after the last tick of an episode; None if there is none."""
     if not _rivals(scene):
         return None
-    come = _outcomes(scene) if Outcome in scene else _lived(scene)
+    told = scene[Outcome].outcome if Outcome in scene else None
+    come = _lived(scene) if told is None else {side: float(told[side]) for side in _sides(scene)}
     best = max(come.values())
     first, *others = (side for side, each in come.items() if each == best)
     return None if others else first
-
-
-def _outcomes(scene: Scene) -> dict[int, float]:
-    return {side: float(scene[Outcome].outcome[side]) for side in _sides(scene)}
 
 
 def _lived(scene: Scene) -> dict[int, float]:
