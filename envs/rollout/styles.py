@@ -31,6 +31,7 @@ RIM, INSIDE = 0.9, 0.7
 PATROL, NARROW = 0.6, 3.0  # a hunter circles at this share of the zone's radius, but at least at so many metres
 STEP = np.float32(0.6)  # radians: it heads for a point of the circle so far ahead
 FEW = 3  # levels of a motor each way; if it has more, a value of 1 means the highest one, see `level`
+GAIN = 8.0  # per second: agents with Steering go to their goal, and turn to it, at this times the way that is left
 SMALLEST = np.float32(1e-6)  # metres: keeps distances from 0 where they divide
 
 
@@ -171,10 +172,21 @@ class Seen:
         return self.centre + np.maximum(PATROL * radius, NARROW) * ahead
 
 
-def follow(style: Callable[[Seen], Intent], env: SurvivalVectorEnv) -> Callable[[Arrays], Actions]:
-    """Turn the style into a policy for an environment: a function from observations to actions."""
+def follow(
+    style: Callable[[Seen], Intent], env: SurvivalVectorEnv, pushed: bool | None = None
+) -> Callable[[Arrays], Actions]:
+    """Turn the style into a policy for an environment: a function from observations to actions.
+
+    Args:
+        style: The style.
+        env: The environment.
+        pushed: Whether its agents keep their velocity, and so have to slow down in time; None: unless they have
+            Steering. With True, agents with Steering turn to and fro, as they do in version 1 of the benchmark.
+    """
     # the value of no action; it is also the number of levels each way
     idle = {key: -low for key, low in env.action_columns}
+    most = {name: max(value, SMALLEST) for name, value in env.worlds.layout.numbers("steering").items()}
+    pushed = not most if pushed is None else pushed
     widths = {key: width(fields) for key, fields in env.worlds.layout.fields.items()}
 
     def act(observations: Arrays) -> Actions:
@@ -185,16 +197,17 @@ def follow(style: Callable[[Seen], Intent], env: SurvivalVectorEnv) -> Callable[
             )
         seen = Seen(env.fields, observations)
         plan = style(seen)
-        # less the velocity, to slow down in time
-        ahead, left = rotated(2 * (plan.goal - seen.position) - seen.velocity, -seen.angle)
+        if pushed:  # less the velocity, to slow down in time
+            ahead, left = rotated(2 * (plan.goal - seen.position) - seen.velocity, -seen.angle)
+            motion = ahead / 0.6, left / 0.6, (4 * plan.error - 3 * seen.omega) / 0.4
+        else:
+            ahead, left = rotated(GAIN * (plan.goal - seen.position), -seen.angle)
+            motion = ahead / most["speed"], left / most["speed"], GAIN * plan.error / most["spin"]
         choice = {
-            "ahead": level(ahead / 0.6, idle.get("ahead", 0)),
-            "left": level(left / 0.6, idle.get("left", 0)),
-            "turn": level((4 * plan.error - 3 * seen.omega) / 0.4, idle.get("turn", 0)),
-            "attack": plan.attack,
-            "use": plan.use,
-            "give": plan.give,
+            key: level(value, idle.get(key, 0), shares=not pushed)
+            for key, value in zip(("ahead", "left", "turn"), motion, strict=True)
         }
+        choice |= {"attack": plan.attack, "use": plan.use, "give": plan.give}
         zeros = np.zeros(seen.health.shape, np.int16)
         return np.stack([zeros + choice.get(key, nothing) for key, nothing in idle.items()], axis=-1)
 
@@ -285,11 +298,11 @@ def rotated(vectors: Any, angle: Any) -> tuple[Any, Any]:
     return cosine * vectors[..., 0] - sine * vectors[..., 1], sine * vectors[..., 0] + cosine * vectors[..., 1]
 
 
-def level(values: Any, idle: int) -> Any:
+def level(values: Any, idle: int, shares: bool) -> Any:
     """Return the action for a motor at the nearest whole level; there are `idle` levels in each direction.
 
-    Values count levels of the paper's motors, which have 1, and of Steering, which has 3. With more levels than that, a
-    value of 1 stands for the highest.
+    Values are shares of the highest level. Without `shares` they count levels, of which the paper's motors have 1; with
+    more than FEW, they are shares, too.
     """
-    each = idle if idle > FEW else 1
+    each = idle if shares or idle > FEW else 1
     return idle + np.clip(np.rint(values * each), -idle, idle).astype(np.int16)

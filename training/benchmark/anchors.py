@@ -15,7 +15,7 @@ from ..base.errors import TrainingError
 from ..policies.player import weights_of
 from .matches import play
 from .result import Content, made, read_json, recording_name, write_json
-from .suite import STYLES, Anchor, digest_of, write_anchors
+from .suite import STYLES, Anchor, digest_of, style, write_anchors
 from .tasks import PROTOCOL, Task
 
 AGES = (0.1, 0.3, 1.0)  # shares of a run's agent-steps after which checkpoints are taken
@@ -57,7 +57,7 @@ def make(
     names = labels([str(source.resolve()) for source in sources])
     files = [folder / "games" / f"{task.name}-{name}{policy_file.SUFFIX}" for name in names]
     anchors = [_anchor(source, file) for source, file in zip(sources, files, strict=True)]
-    players = [Contender(name, name) for name in STYLES]
+    players = [style(name) for name in STYLES]
     players += [Contender(name, str(file)) for name, file in zip(names, files, strict=True)]
     digests = [*[""] * len(STYLES), *(digest_of(*anchor) for anchor in anchors)]
     wins, draws = _round_robin(task, players, digests, folder, games, progress)

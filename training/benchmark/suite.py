@@ -14,9 +14,13 @@ from typing import Any
 
 import numpy as np
 
+from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.envs.rollout.policies import STYLES as SCRIPTS
+from outlast.envs.rollout.styles import follow
 from outlast.envs.scenarios.fingerprint import difference, fingerprint, is_fingerprint, is_word
 from outlast.envs.storage.kept_results import RESULTS, kept_file
 
+from ..arena.match import Act
 from ..arena.players import Contender
 from ..base import policy_file, run_header
 from ..base.errors import TrainingError
@@ -52,7 +56,7 @@ class SuiteOpponent:
     def contender(self) -> Contender:
         """Return the opponent as a policy. Raises TrainingError."""
         if self.file is None:
-            return Contender(self.name, self.name)
+            return style(self.name)
         header, weights = read_anchors(self.file)[1][self.name]
         content = {
             run_header.NAME: json.dumps(header).encode(),
@@ -61,6 +65,20 @@ class SuiteOpponent:
         found = Contender(self.name, Player(content))
         found.text = self.name
         return found
+
+
+class RatedStyle(Contender):
+    """A style as its ratings have it: in games with Steering it turns to and fro, and sees little."""
+
+    def act(self, env: SurvivalVectorEnv, seed: int, *, keyed: bool = False, slack: float = 0.0) -> Act:
+        """Return the function that plays the style, which draws nothing."""
+        play = follow(SCRIPTS[self.text], env, pushed=True)
+        return lambda seen, indices: np.asarray(play(seen)[indices])
+
+
+def style(name: str) -> Contender:
+    """Return the member of STYLES of that name."""
+    return (RatedStyle if name in SCRIPTS else Contender)(name, name)
 
 
 def suite(task: Task) -> list[SuiteOpponent]:
