@@ -39,20 +39,24 @@ def add(commands: Any) -> None:
         ("benchmark score benchmark", "play the matches between all agents, and write the scores"),
         ("benchmark verify benchmark", "play every recorded game again, and compare"),
         ("benchmark table benchmark --out tables", "write the tables, as Markdown and CSV, and a figure"),
+        (
+            "benchmark situations teams_3-v1 --policies scripted runs/teams_3-fast-0",
+            "what agents can do, scene by scene",
+        ),
     ]
     description = (
         "Compare agents by the protocol of docs/evaluating.md: tasks that never change, fixed budgets of training, and "
         "games in worlds that no training has seen. All games are recorded, so that anybody can verify the results. "
         "ACTION is one of: tasks, to list the tasks; run, to train agents and play their games; score, to play all "
         "agents against each other and compute scores; verify, to play all recorded games again; table, to write "
-        "tables; anchors, to make the rated opponents of a task. The help of an option begins with the actions that "
-        "take it."
+        "tables; situations, to try policies in small scenes with a known solution; anchors, to make the rated "
+        "opponents of a task. The help of an option begins with the actions that take it."
     )
     text = "compare agents by one protocol, with verifiable results"
     command = commands.add_parser("benchmark", help=text, description=description, examples=examples)
     command.add_argument("action", choices=ACTIONS, metavar="ACTION", help=f"what to do: {', '.join(ACTIONS)}")
     text = f"run: tasks, or all; score, verify, table: folders of results (default {RESULTS}); verify: also "
-    text += "folders in them, such as that of an agent; anchors: a task"
+    text += "folders in them, such as that of an agent; situations, anchors: a task"
     command.add_argument("names", nargs="*", metavar="NAME", help=text)
     text = "run: an agent, which is a preset of `outlast train`, trained first; or NAME=SOURCE, where SOURCE is a "
     text += "preset, the folder of a run, FILE.zip, FILE.safetensors or FILE.py:FUNCTION, and {task} and {seed} in it "
@@ -67,7 +71,8 @@ def add(commands: Any) -> None:
     command.add_argument("--games", type=_games, default=GAMES, metavar="N", help=text)
     trained = ("settings", "memory", "opponents")
     add_options(command, TrainingConfig, trained, "run, of a preset: ", opponents={"default": None})
-    text = "anchors: checkpoints, or folders of runs, of which those at 10, 30 and 100 %% of the run are taken"
+    text = "anchors: checkpoints, or folders of runs, of which those at 10, 30 and 100 %% of the run are taken; "
+    text += "situations: names of policies, saved policies, or folders of runs, of which the newest are taken"
     command.add_argument("--policies", type=Path, nargs="+", default=[], metavar="PATH", help=text)
     text = (
         f"run: folder for results (default {RESULTS}); table: for tables (default: that of the results); anchors: for "
@@ -82,7 +87,8 @@ def add(commands: Any) -> None:
     command.add_argument("--threads", type=positive, metavar="N", help=text)
     text = "verify: take matches for verified whose files or policies are not here, as in a copy that --keep made"
     command.add_argument("--allow-missing", action="store_true", help=text)
-    command.add_argument("--quiet", action="store_true", help="run, score, verify, anchors: show no progress")
+    text = "run, score, verify, situations, anchors: show no progress"
+    command.add_argument("--quiet", action="store_true", help=text)
     command.arrange(
         {
             "what is entered": ("--agent", "--seed", "--opponents", "--ppo", "--memory", "--policies"),
@@ -296,6 +302,23 @@ def _anchors(options: argparse.Namespace, command: Parser) -> int:
     return 0
 
 
+def _situations(options: argparse.Namespace, command: Parser) -> int:
+    """Print which situations policies pass."""
+    from ..arena.players import contenders
+    from ..benchmark import situations
+
+    if len(options.names) != 1:
+        raise TrainingError(
+            "benchmark situations needs a task, as in: benchmark situations teams_3-v1 --policies scripted"
+        )
+    task, policies = task_of(options.names[0]), [str(path) for path in options.policies]
+    chosen = contenders(policies) if policies else []
+    with Progress((1 + len(chosen)) * len(situations.SITUATIONS), "scenes", quiet=options.quiet) as progress:
+        rows = situations.table(task.scenario, chosen, progress.add)
+    print(text_table(rows, ("situation", "solution", *(each.label for each in chosen)), width=terminal_width()))
+    return 0
+
+
 ACTIONS: dict[str, tuple[Callable[[argparse.Namespace, Parser], int], tuple[str, ...]]] = {
     "tasks": (_tasks, ()),
     "run": (
@@ -305,5 +328,6 @@ ACTIONS: dict[str, tuple[Callable[[argparse.Namespace, Parser], int], tuple[str,
     "score": (_score, ("jobs", "quiet")),
     "verify": (_verify, ("jobs", "quiet", "allow_missing")),
     "table": (_table, ("out", "keep")),
+    "situations": (_situations, ("policies", "quiet")),
     "anchors": (_anchors, ("policies", "games", "out", "quiet")),
 }  # and the options that have an effect on each

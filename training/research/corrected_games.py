@@ -121,7 +121,8 @@ def read_measured(path: Path) -> Measured:
 def table(measured: Mapping[str, Sequence[Sequence[Row]]]) -> str:
     """Return what was measured, in Markdown: means over seeds, with 95 % intervals where there are several.
 
-    Where a policy plays itself, both of its roles count.
+    Where a policy plays itself, both of its roles count. Seeds that have not played the scripted policy do not count
+    in the games won against it.
 
     measured: The rows of each seed, by game.
     """
@@ -130,7 +131,9 @@ def table(measured: Mapping[str, Sequence[Sequence[Row]]]) -> str:
 
 def _cells(game: str, seeds: Sequence[Sequence[Row]]) -> list[str]:
     cells = [game, str(len(seeds))]
-    cells += [with_spread([_mean(rows, other, "wins") for rows in seeds]) for other in (SCRIPTED, HALF)]
+    for other in (SCRIPTED, HALF):
+        met = [rows for rows in seeds if any(row["against"] == other for row in rows)] or seeds
+        cells.append(with_spread([_mean(rows, other, "wins") for rows in met]))
     for name, (_, times) in SELF_PLAY.items():
         there = [
             (times or int(rows[0]["agents"])) * _mean(rows, LAST, name)
