@@ -1,1 +1,1 @@
-"""Policies against each other: matches, what agents do in them, ratings, and reports."""
+"""Policies against each other: matches, measurements of behaviour, ratings and reports."""

@@ -40,8 +40,8 @@ RESULTS = ("wins", "wins_first", "wins_second", "length", "life", "return", "kil
 FILES = TABLES, FIGURES, RATINGS, GROUPS = "evaluation.json", "figures.csv", "ratings.csv", "groups.csv"
 FIRST = ("policy", "against")
 RATED, GROUPED = ("policy", "elo", "error"), ("group", "runs", "against", "figure", "value", "low", "high")
-CERTAIN = 3.0  # standard errors from which on a difference between the sides is worth a line
-OVER_GAMES = "std. errors (±) are over games of these very policies, and say nothing of other training seeds"
+CERTAIN = 3.0  # a difference between the sides is reported from this many standard errors on
+OVER_GAMES = "std. errors (±) are over games of these policies, and do not cover other training seeds"
 OVER_SEEDS = "95 % intervals over training seeds and games, by bootstrap"
 UNBOUNDED = "; inf: no game bounds the rating on that side"
 
@@ -49,18 +49,18 @@ UNBOUNDED = "; inf: no game bounds the rating on that side"
 class Evaluation:
     """Cross-play in `worlds` worlds at once.
 
-    Each pairing plays `episodes`, or a few more: every world plays equally many, and each policy plays each side
-    equally often. A pairing's numbers are a function of the seed and of the places of its two policies in the list;
-    threads make no difference. `str(evaluation)` has all tables.
+    Each pairing plays at least `episodes`, rounded up so that all worlds play the same number and each policy plays
+    each side equally often. The numbers of a pairing are a function of the seed and of the positions of its policies
+    in the list, and do not depend on threads. `str(evaluation)` has all tables.
 
     Attributes:
-        scenario: What is played, with observations that all policies can play with.
+        scenario: The game, with observations that fit all policies.
         chosen: The policies.
         pairings: The pairings that are complete.
         each: Episodes of a pairing that each world plays.
 
-    Raises ScenarioError if the scenario cannot be played, and TrainingError if a policy cannot play there, or there is
-    no side to play against.
+    Raises ScenarioError if the scenario cannot be played, and TrainingError if a policy cannot play there or all
+    agents are on one side.
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class Evaluation:
         players = [contender.player for contender in chosen if contender.player is not None]
         self.scenario, self.chosen, self.seed = common_scenario(scenario, players), list(chosen), seed
         self.worlds, self.each = worlds, -(-episodes // worlds)
-        self.each += self.each * worlds % ROLES  # else one assignment of sides would be played more often
+        self.each += self.each * worlds % ROLES  # otherwise one assignment of sides is played more often
         options: dict[str, Any] = {"autoreset_mode": "Disabled", "copy": False, "check_actions": False}
         self.env = make_vec(self.scenario, worlds, seed=seed, threads=threads, **options)
         try:
@@ -94,7 +94,7 @@ class Evaluation:
 
     @property
     def episodes(self) -> int:
-        """Return how many episodes each pairing plays."""
+        """Return the number of episodes of each pairing."""
         return self.each * self.worlds
 
     @property
@@ -106,7 +106,7 @@ class Evaluation:
         """Play a pairing, and store it in `pairings` once it is complete. progress: see Match.play."""
         words = np.random.SeedSequence([self.seed, *pair]).generate_state(1 + ROLES, np.uint64) >> np.uint64(1)
         world, *seeds = (int(word) for word in words)
-        players = dict.fromkeys(pair)  # one, if it meets itself
+        players = dict.fromkeys(pair)  # a single one in a game against itself
         acts = [self.chosen[k].act(self.env, own) for k, own in zip(players, seeds, strict=False)]
         self.pairings.append(Pairing(pair, Match(self.env, acts, self.each, world).play(progress)))
         return self.pairings[-1]
@@ -123,7 +123,7 @@ class Evaluation:
     def groups(self) -> Groups | None:
         """Rate groups of runs that differ by their seeds only, with intervals over seeds and games.
 
-        None if no such group has several runs or there is only one group, and until all pairings are complete. Raises
+        None if no such group has several runs, if there is only one group, or until all pairings are complete. Raises
         TrainingError if two of the policies are the same run, or runs of one seed.
         """
         return self._groups if self.complete else None
@@ -169,7 +169,7 @@ class Evaluation:
         self.env.reset()
         check_statistics(self.env, "length", "return")
         if fewest_sides(self.env.worlds) < ROLES:
-            raise TrainingError(f"{self.scenario.name} has worlds of one side: there is no opponent to play against")
+            raise TrainingError(f"{self.scenario.name} has one side only: take a game with two or more")
         for contender in self.chosen:
             contender.check(self.env)
 
@@ -203,7 +203,7 @@ def evaluate(
         threads: Threads that share the worlds, with the same results.
         out: Write the tables to this folder, as CSV and JSON, after each pairing.
         film: Whether to write a film and a page of a typical episode of each pairing beside the tables, too.
-        quiet: Whether to show no progress bar.
+        quiet: Whether to hide the progress bar.
         **numbers: Numbers of the scenario to change, as in melee_damage=20.
 
     Returns:
@@ -212,12 +212,12 @@ def evaluate(
         runs that differ only by seeds, with intervals over seeds and games. Its worlds are closed.
 
     Raises:
-        ScenarioError: There is no such scenario.
-        NumberError: The scenario has no such number (perhaps one of the arguments was meant).
-        TrainingError: There is no such policy, it cannot play there, or `out` cannot be written or holds another
+        ScenarioError: The scenario is unknown.
+        NumberError: The scenario lacks a number (perhaps one of the arguments was meant).
+        TrainingError: A policy does not exist or cannot play there, or `out` cannot be written or holds another
             evaluation.
         ValueError: `episodes`, `worlds`, `seed` or `threads` is not an integer in its range.
-        ActionError: A function returned actions that are not valid.
+        ActionError: A function returned invalid actions.
     """
     game = resolve(scenario, numbers, options_of(evaluate))
     options = {"episodes": episodes, "worlds": worlds, "seed": seed, "threads": threads}
@@ -232,9 +232,9 @@ def evaluate(
 def opened(
     game: Scenario, policies: Any, out: str | Path | None, film: bool, **options: int
 ) -> Iterator[tuple[Evaluation, Path | None, Path | None]]:
-    """Open an evaluation, see `evaluate`, whose tables can be written, so that none is lost.
+    """Open an evaluation, see `evaluate`. Checks first that its tables can be written.
 
-    Yields it, the folder for its tables, and a temporary folder for the recordings that films are made from.
+    Yields it, the folder for its tables, and a temporary folder for the recordings from which films are made.
     """
     if film and out is None:
         raise TrainingError("films need a folder: name one as out (--out FOLDER)")
@@ -247,7 +247,7 @@ def opened(
 
 
 def play(evaluation: Evaluation, folder: Path | None, hidden: Path | None, *, quiet: bool) -> None:
-    """Play every pairing. If there is a folder for tables, those of what is complete are always in it."""
+    """Play every pairing. With a folder for tables, write those of the complete pairings after each one."""
     pairs, each = len(evaluation.pairs), evaluation.episodes
     about = f"{pairs} pairings of {each:,} episodes; fewer (--episodes) take less time" if pairs > 1 else ""
     with Progress(pairs * each, "episodes", quiet=quiet, about=about) as progress:
@@ -259,12 +259,12 @@ def play(evaluation: Evaluation, folder: Path | None, hidden: Path | None, *, qu
 
 
 def text(evaluation: Evaluation, width: int | None = None) -> str:
-    """Return all tables under a heading; of an incomplete evaluation, the tables of what is complete.
+    """Return all tables under a heading; the tables cover the complete pairings.
 
     width: characters in a line of a table, see envs.text_table.
     """
     if not evaluation.pairings:
-        return "no pairing is complete"
+        return "none of the pairings is complete"
     parts = [_heading(evaluation), _ratings(evaluation), _wins(evaluation, width), _sides(evaluation)]
     parts += _groups(evaluation, width)
     names = list(evaluation.pairings[0].results.figures)
@@ -275,7 +275,7 @@ def text(evaluation: Evaluation, width: int | None = None) -> str:
 
 
 def _heading(evaluation: Evaluation) -> str:
-    """Return what was played, and the files of those policies whose labels do not name them."""
+    """Return the heading: the games played, and the files of policies whose labels do not name them."""
     name, each, worlds = evaluation.scenario.name, evaluation.each, evaluation.worlds
     played = f"{len(evaluation.pairings)} pairings of {evaluation.episodes:,} episodes"
     lines = [f"{name}, seed {evaluation.seed}: {played}, {each} in each of {worlds} worlds"]
@@ -310,20 +310,20 @@ def write_tables(evaluation: Evaluation, folder: Path) -> list[Path]:
 def check_folder(evaluation: Evaluation, folder: Path) -> None:
     """Raise TrainingError if tables cannot be written, or would replace those of another evaluation.
 
-    That is one of another game or of other policies.
+    An evaluation of another game or of other policies is another one.
     """
     check_results(folder / name for name in FILES)
     path, now = folder / TABLES, _json(_played(evaluation))
     if not path.exists():
         return
-    cure = "choose another folder with --out, or remove what is there"
+    cure = "choose another folder with --out, or remove its content"
     try:
         found = json.loads(read_text(path))
         there = {key: found[key] for key in now}
         who = ", ".join(policy["policy"] for policy in there["policies"])
         about = f"{there['scenario']['name']} with {who}"
     except (*strict_json.BROKEN, LookupError):
-        raise TrainingError(f"{path} is no evaluation, and would be replaced: {cure}") from None
+        raise TrainingError(f"{path} is not an evaluation, and would be replaced: {cure}") from None
     if there != now:
         raise TrainingError(f"{folder} holds another evaluation, of {about}: {cure}")
 
@@ -343,7 +343,7 @@ def _wins(evaluation: Evaluation, width: int | None) -> str:
 
 
 def _sides(evaluation: Evaluation) -> str:
-    """Name the pairing in which the share of wins depends most on the side played; "" if it does in none."""
+    """Describe the pairing whose share of wins depends most on the side played; "" if none does."""
     found = {}
     for pair, figures in _rows(evaluation):
         (first, one), (second, other) = figures["wins_first"], figures["wins_second"]
@@ -359,7 +359,7 @@ def _sides(evaluation: Evaluation) -> str:
 
 
 def _groups(evaluation: Evaluation, width: int | None) -> Iterator[str]:
-    """Yield tables of groups of runs, and a line on the policies whose errors say nothing about other seeds."""
+    """Yield tables of groups of runs, and a line on the policies whose errors do not cover other seeds."""
     try:
         groups, found = group_policies(evaluation.chosen), evaluation.groups()
     except TrainingError as error:
@@ -368,8 +368,8 @@ def _groups(evaluation: Evaluation, width: int | None) -> Iterator[str]:
     if found is not None:
         yield from _group_tables(evaluation, found, width)
     if alone := [group.label for group in groups if group.trained and len(group.members) == 1]:
-        one, each = "one run: its error is of games alone, and says", "one run each: errors are of games alone, and say"
-        yield f"{', '.join(alone)}: {one if len(alone) == 1 else each} nothing of other seeds"
+        one, each = "one run: its error is over games, and does", "one run each: errors are over games, and do"
+        yield f"{', '.join(alone)}: {one if len(alone) == 1 else each} not cover other seeds"
 
 
 def _group_tables(evaluation: Evaluation, found: Groups, width: int | None) -> Iterator[str]:
@@ -394,7 +394,7 @@ def _group_rows(evaluation: Evaluation) -> list[tuple[Any, ...]]:
     try:
         found = evaluation.groups()
     except TrainingError:
-        found = None  # the report says why
+        found = None  # the report gives the reason
     if found is None:
         return []
     rows: list[tuple[Any, ...]] = []
@@ -431,7 +431,7 @@ def _rows(evaluation: Evaluation) -> list[tuple[tuple[str, str], Estimates]]:
 
 
 def _played(evaluation: Evaluation) -> dict[str, Any]:
-    """Return what tells one evaluation from another."""
+    """Return the description that distinguishes evaluations."""
     policies = [{"label": chosen.label, "policy": chosen.text} for chosen in evaluation.chosen]
     return {"scenario": fingerprint(evaluation.scenario), "policies": policies}
 
@@ -443,5 +443,5 @@ def _pairing(evaluation: Evaluation, pairing: Pairing) -> dict[str, Any]:
 
 
 def _json(value: Any) -> Any:
-    """Return the value as JSON has it, with null in place of NaN and infinity."""
+    """Return the value for JSON, with None in place of NaN and infinity."""
     return json.loads(json.dumps(value), parse_constant=lambda name: None)

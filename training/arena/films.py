@@ -15,8 +15,8 @@ from outlast.envs.scenarios.scenario import Scenario
 from .match import MatchResults, Pairing
 from .players import Contender
 
-LEAST = 8  # characters of a name that the title of a film keeps, at least
-SIZE, FPS = 512, 30  # pixels; frames a second, which is real time in the paper's variants
+LEAST = 8  # minimum characters of a name in the title of a film
+SIZE, FPS = 512, 30  # pixels; frames a second: real time in the paper's variants
 
 
 def films(
@@ -39,7 +39,7 @@ def recording_of(folder: Path, pair: tuple[int, int]) -> Path:
 def _show(
     scenario: Scenario, names: Sequence[str], results: MatchResults, recording: Path, target: Path
 ) -> Iterator[Path]:
-    """Write the typical episode of a pairing beside `target`: as .webm and .html, each whole or not at all."""
+    """Write the typical episode of a pairing beside `target`: as .webm and .html, each completely or not at all."""
     from outlast.envs.web.replay import write_page
 
     world, episode = results.typical()
@@ -56,7 +56,7 @@ def _show(
 
 
 def film_players(names: Sequence[str], sides: Sequence[str]) -> str:
-    """Return who plays which sides, with names shortened in the middle until a film's title has room for both."""
+    """Return the players with their sides, names shortened in the middle until both fit into a film's title."""
     for most in range(max(LEAST, *map(len, names)), LEAST - 1, -1):
         words = _players([_shortened(name, most) for name in names], sides)
         if fits(words, SIZE):

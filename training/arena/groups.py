@@ -17,15 +17,15 @@ from .ratings import chained, elo
 Array = np.ndarray[Any, Any]
 
 REPS = 2000  # resamplings: each takes a fit of all ratings
-AGE = "agent_steps"  # what checkpoints of one run differ in
+AGE = "agent_steps"  # the only difference between checkpoints of one run
 
 
 @dataclass(frozen=True)
 class PolicyGroup:
     """Policies that differ by the seeds of their training only; or a single other policy.
 
-    label: What sets the group apart, see plots.groups.RunGroup; for a policy that is no run, its own label. members:
-    The indices of its policies. trained: Whether they are runs.
+    label: Differences from the other groups, see plots.groups.RunGroup; for a policy that is not a run, its own label.
+    members: Indices of its policies. trained: Whether they are runs.
     """
 
     label: str
@@ -63,7 +63,7 @@ def group_policies(chosen: Sequence[Contender]) -> list[PolicyGroup]:
 def _run(contender: Contender) -> Run | None:
     """Return the run that a policy is from, up to its checkpoint.
 
-    None if the policy does not say how it was trained.
+    None if the policy has no description of its training.
     """
     if contender.player is None or not contender.player.header["plan"]:
         return None
@@ -76,8 +76,8 @@ def rate_groups(groups: Sequence[PolicyGroup], wins: Array, draws: Array, seed: 
     """Return ratings and wins of groups, with 95 % bootstrap intervals over runs and over games.
 
     Each resampling draws, with replacement, as many runs from a group as it has, and draws the games of each pairing
-    anew. The wins between two groups are the means over the pairings of their runs, so that groups of more runs weigh
-    no more. For a group of one run, only games are drawn anew: its interval says nothing about other seeds.
+    anew. The wins between two groups are the means over the pairings of their runs, so groups with more runs do not
+    weigh more. For a group of one run only games are resampled: its interval does not cover other seeds.
 
     A group that won every game would win every resampled one, too. So the interval of a share that is 1 or 0 ends
     there, and a rating that no game bounds has an infinite end, see `ratings.chained`.
@@ -93,14 +93,14 @@ def rate_groups(groups: Sequence[PolicyGroup], wins: Array, draws: Array, seed: 
     chain = chained(won[0] + tied[0])
     value, shares = elo(won, tied)[0][0], _shares(won, tied)[0]
     won, tied = _mixed(drawn, *_replayed(wins, draws, generator, reps))
-    low, high = percentile_interval(elo(won, tied, added=0)[0])  # half games are in these already
+    low, high = percentile_interval(elo(won, tied, added=0)[0])  # `_replayed` has added the half games
     ratings = Estimate(value, np.where(chain.all(1), low, -np.inf), np.where(chain.all(0), high, np.inf))
     low, high = percentile_interval(_shares(won, tied))
     return Groups(list(groups), ratings, Estimate(shares, np.where(shares, low, 0), np.where(shares == 1, 1, high)))
 
 
 def _drawn(group: PolicyGroup, policies: int, generator: np.random.Generator, reps: int) -> Array:
-    """Return how much each policy counts in a group when its runs are drawn anew, (reps, 1, policies)."""
+    """Return the weight of each policy in a group when its runs are resampled, (reps, 1, policies)."""
     count = len(group.members)
     weights = np.zeros((reps, 1, policies))
     weights[:, 0, group.members] = generator.multinomial(count, [1 / count] * count, reps) / count
@@ -108,7 +108,7 @@ def _drawn(group: PolicyGroup, policies: int, generator: np.random.Generator, re
 
 
 def _replayed(wins: Array, draws: Array, generator: np.random.Generator, reps: int) -> tuple[Array, Array]:
-    """Return wins and draws, (reps, policies, policies) each, when the games of every pairing are drawn anew.
+    """Return wins and draws with the games of every pairing resampled, (reps, policies, policies) each.
 
     A Bayesian bootstrap: each game is weighted by a draw from an exponential distribution. As in `elo`, half a game won
     and half a game lost are added: chances are drawn as with Jeffreys' prior, and none is 0 or 1.

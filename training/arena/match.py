@@ -1,4 +1,4 @@
-"""Matches: two policies against each other in many worlds, each side equally often; and estimates of what happened."""
+"""Matches: two policies against each other in many worlds, each side equally often; and estimates of the results."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ class MatchResults:
     """The outcomes of the episodes of a match.
 
     figures: float64 (worlds, episodes of each, roles, 2) by name: sum and count, whose ratio is the figure. The count
-    is 1 for most; for behaviour, it is the number of ticks in which that could be measured. spans: int (worlds,
+    is 1 for most; for behaviour, it is the number of ticks in which it could be measured. spans: int (worlds,
     episodes, 2): the first and the last tick record of each episode in a recording of the match.
     """
 
@@ -51,10 +51,10 @@ class MatchResults:
 
 
 class Match:
-    """A player of `each` episodes in every world, however long they take, so that short ones are not favoured.
+    """A player of `each` episodes in every world, however long they take: stopping early would favour short ones.
 
     base_env: worlds with autoreset DISABLED. acts: the policy of each role, see lineup.role_of, or one for both.
-    outcome.wins says who wins; a draw counts half.
+    outcome.wins gives the winners; a draw counts half.
     """
 
     def __init__(self, base_env: SurvivalVectorEnv, acts: Sequence[Act], each: int, seed: int) -> None:
@@ -68,14 +68,14 @@ class Match:
         self._assign()
 
     def play(self, progress: Callable[[int], None] = lambda episodes: None) -> MatchResults:
-        """Play the whole match. progress: Called with how many more episodes have ended."""
+        """Play the match to its end. progress: Called with the number of episodes that have just ended."""
         while (self.done < self.each).any():
             if ended := self._step():
                 progress(ended)
         return self.results
 
     def _assign(self) -> None:
-        """Assign agents to policies, in the worlds that go on."""
+        """Assign agents to policies, in the worlds that are not done."""
         worlds = np.arange(self.base_env.num_worlds)
         sides, absent = self.metrics.sides, self.metrics.sides < 0
         self.role = np.where(absent, -1, role_of(sides, worlds[:, None], self.done[:, None]))
@@ -85,7 +85,7 @@ class Match:
         self.indices: list[AgentIndices] = [(worlds, agents) for worlds, agents in map(np.nonzero, masks)]
 
     def _step(self) -> int:
-        """Step all worlds; returns how many episodes that count have ended."""
+        """Step all worlds. Return the number of counted episodes that ended."""
         observations = self.base_env.observe()
         actions = np.tile(self.base_env.noop, (self.base_env.num_worlds, self.base_env.num_agents, 1))
         for act, indices in zip(self.acts, self.indices, strict=True):
@@ -100,7 +100,7 @@ class Match:
         return self._finish(done, info["statistics"]) if done.any() else 0
 
     def _finish(self, done: Array, statistics: dict[str, Array]) -> int:
-        """Enter the episodes that ended and begin the next ones; returns how many were entered."""
+        """Enter the episodes that ended and begin the next ones. Return the number entered."""
         rows = np.flatnonzero(done & (self.done < self.each))
         where = rows, self.done[rows]
         self.results.spans[where] = np.stack([self.begun[rows], np.full(len(rows), self.records)], 1)
@@ -123,7 +123,7 @@ class Match:
         self.results.enter(where, "wins", won)
         self.results.enter(where, "wins_first", won * first, first)
         self.results.enter(where, "wins_second", won * ~first, ~first)
-        if Kills in self.base_env.worlds or Outcome not in self.base_env.worlds:  # else nobody's life decides anything
+        if Kills in self.base_env.worlds or Outcome not in self.base_env.worlds:  # otherwise survival decides nothing
             self.results.enter(where, "life", (self.standings.life[rows][:, None] * by_side).max(2))
         for name, values in statistics.items():  # for agents, the mean over those of a role; for sides, the sum
             if self.dims.get(name) == ("agents",):
@@ -168,7 +168,7 @@ class Pairing:
         return {name: ratio(figure[worlds, episodes, player][counts]) for name, figure in figures.items()}
 
     def won_drawn_lost(self) -> tuple[int, int, int]:
-        """Return how many episodes the first policy won, drew and lost."""
+        """Return the numbers of episodes that the first policy won, drew and lost."""
         wins = self.results.figures["wins"][:, :, 0, 0]
         return int((wins == 1).sum()), int((wins == 0.5).sum()), int((wins == 0).sum())
 

@@ -26,11 +26,11 @@ Array = np.ndarray[Any, Any]
 Plain = Callable[[dict[str, Array], Array], Array]
 PAST_SELVES = 5  # past selves that are drawn from: evenly spaced over the run
 STEP = 4.0  # Elo's K-factor: half of it is gained by winning a game that should have been drawn
-SCALE = 400.0  # Elo points of odds of ten to one
-FORGET = 0.9  # factor by which earlier games count less with each update, as learners change
-WRONG = f"opponents in {REST} of the checkpoint are not what a run goes on with"
+SCALE = 400.0  # Elo points for odds of ten to one
+FORGET = 0.9  # weight of earlier games per update; they count less since learners change
+WRONG = f"opponents in {REST} of the checkpoint do not fit the run"
 HIGHEST, MOST, LONGEST = 1e6, 2.0**53, 20  # limits in a checkpoint: of ratings, games, digits of agent-steps
-LEAST = 0.02  # is added to every priority, so that an opponent that always loses is still drawn
+LEAST = 0.02  # added to every priority, so that an opponent that always loses is still drawn
 
 
 @dataclass
@@ -38,16 +38,16 @@ class Opponent:
     """An opponent that can be drawn.
 
     Attributes:
-        name: One of OPPONENTS, a path, or past@STEPS for a past self that was trained for so many agent-steps.
-        weight: How often it is drawn, unless opponents are prioritised.
+        name: One of OPPONENTS, a path, or past@STEPS for a past self, with its agent-steps of training.
+        weight: Relative frequency of draws, unless opponents are prioritised.
         policies: Those of a past self, one for each learner, or those of a file.
         packers: Pack observations for these policies, by form; None: the learners' packers do.
         team: int (agents of a world,), which of the policies plays each agent; None: as with the learners.
         plain: Instead of policies, a function from the observations of some agents and uniform numbers (agents,
             actions) to actions.
-        won: How many games the learners won against it, in the shares of `record_all`; earlier ones count less.
-        games: How many games they played against it; earlier ones count less.
-        total: How many games in all, each counted as one.
+        won: Games that the learners won against it, in the shares of `record_all`; earlier ones count less.
+        games: Games that they played against it; earlier ones count less.
+        total: All games against it, each counted as one.
     """
 
     name: str
@@ -63,7 +63,7 @@ class Opponent:
 
     @property
     def kind(self) -> str:
-        """The name; that of a past self without the steps."""
+        """The name; for a past self without the steps."""
         return PAST if self.past else self.name
 
     @property
@@ -79,15 +79,15 @@ class Opponent:
 
     @property
     def wins(self) -> float:
-        """The share of games that the learners won, smoothed: 1/2 if there was none."""
+        """The share of games that the learners won, smoothed: 1/2 without games."""
         return (self.won + 0.5) / (self.games + 1)
 
 
 class OpponentPool:
     """The pool that opponents are drawn from, by index, and the ratings of all in it.
 
-    Index 0 is the present self: where it is drawn, learners play all sides. Past selves that are no longer drawn stay
-    as long as they play in some world.
+    Index 0 is the present self: where it is drawn, learners play all sides. Past selves that are no longer drawn are
+    kept while they play in any world.
 
     dropped: Games against past selves that are no longer in the pool. memory: Width of the widest memory among all
     policies that play.
@@ -102,9 +102,9 @@ class OpponentPool:
         prioritised: bool,
         memory: int = 0,
     ) -> None:
-        """Make a pool without past selves, for worlds like those of `env`.
+        """Create a pool without past selves, for worlds like those of `env`.
 
-        weights: By path or name of OPPONENTS, see envs.rollout.lineup.parse_lineup. players: Those of the paths.
+        weights: By path or name of OPPONENTS, see envs.rollout.lineup.parse_lineup. players: Players of the paths.
         prioritised: Whether opponents that win more are drawn more often: prioritised fictitious self-play (Vinyals et
         al., 2019). The present self keeps its weight. memory: Width of the memory of the learners' policies.
         """
@@ -128,7 +128,7 @@ class OpponentPool:
 
     @property
     def alone(self) -> bool:
-        """Return whether there is only the present self."""
+        """Return whether the present self is the only opponent."""
         return self.weights.keys() <= {SELF}
 
     def chances(self) -> tuple[Array, Array]:
@@ -145,9 +145,9 @@ class OpponentPool:
         return np.array(list(shares)), np.array(list(shares.values()))
 
     def remember(self, policies: Sequence[Networks], steps: int, playing: set[int]) -> None:
-        """Add the learners as they are now to the past selves.
+        """Add a copy of the learners to the past selves.
 
-        policies: The policies of the learners. steps: Agent-steps that they were trained for. playing: Indices of the
+        policies: The policies of the learners. steps: Their agent-steps of training. playing: Indices of the
         opponents that play in some world.
         """
         if PAST not in self.weights:
@@ -157,15 +157,15 @@ class OpponentPool:
         if len(self.past) > PAST_SELVES:
             at = [int(self.all[k].name.partition("@")[2]) for k in self.past]
             gaps = [at[k + 1] - at[k - 1] for k in range(1, len(at) - 1)]
-            del self.past[1 + int(np.argmin(gaps))]  # so that those that stay are spaced evenly
+            del self.past[1 + int(np.argmin(gaps))]  # keeps the others evenly spaced
         for k in [k for k, one in self.all.items() if one.past and k not in self.past and k not in playing]:
             self.dropped += self.all.pop(k).total
 
     def record_all(self, games: Iterable[tuple[int, int, float]]) -> None:
-        """Record the games of a rollout, in any order: the step in which each ended, the opponent, how far it was won.
+        """Record the games of a rollout, in any order: the step in which each ended, the opponent, the share won.
 
-        How far is the share of the other sides that the learners' side beat, see outcome.shares_beaten. Between equals
-        it is 1/2 on average, however many sides there are, and ratings and priorities take 1/2 for even.
+        The share is that of the other sides that the learners' side beat, see outcome.shares_beaten. Between equals it
+        is 1/2 on average for any number of sides, and ratings and priorities treat 1/2 as even.
         """
         ended: dict[tuple[int, int], list[float]] = {}
         for step, index, won in games:
@@ -175,17 +175,17 @@ class OpponentPool:
             self.record(index, math.fsum(each), len(each))  # an exact sum: it is the same in any order
 
     def record(self, index: int, won: float, games: int) -> None:
-        """Record games against an opponent. won: The sum of how far each was won."""
+        """Record games against an opponent. won: Sum of the shares won."""
         one, own = self.all[index], self.all[0]
         expected = 1 / (1 + 10 ** ((one.rating - own.rating) / SCALE))
         change = float(np.clip(STEP * (won - games * expected), -SCALE / 4, SCALE / 4))
         own.rating += change
-        if not one.past:  # a past self keeps the rating that it had as the present self
+        if not one.past:  # a past self keeps its rating as the present self
             one.rating -= change
         one.won, one.games, one.total = one.won + won, one.games + games, one.total + games
 
     def report(self) -> dict[str, float]:
-        """Return what is logged, by tag, and let the games so far count less from now on."""
+        """Return the values to log, by tag, and reduce the weight of the games so far."""
         tags = {}
         if not self.alone:
             tags["rating/self"] = self.all[0].rating
@@ -202,7 +202,7 @@ class OpponentPool:
         return tags
 
     def state(self) -> dict[str, Any]:
-        """Return what a checkpoint keeps: ratings of all, the past selves, and hashes of the policies of files."""
+        """Return the state for a checkpoint: ratings of all, the past selves, and hashes of the policies of files."""
         figures = {
             str(k): torch.tensor([one.rating, one.won, one.games, one.total], dtype=torch.float64, device="cpu")
             for k, one in self.all.items()
@@ -217,7 +217,7 @@ class OpponentPool:
         return {"figures": figures, "past": past, "dropped": self.dropped, "saved": saved}
 
     def restore(self, given: Any, policies: Sequence[Networks], begun: str) -> None:
-        """Go on from what `state` returned, with policies like the learners'. Raises TrainingError for anything else.
+        """Continue from the result of `state`, with policies like the learners'. Raises TrainingError otherwise.
 
         begun: The opponents with their weights at the beginning of the run.
         """
@@ -228,8 +228,8 @@ class OpponentPool:
         for number, weights in saved.items():
             if pool[number].weights != weights:
                 raise TrainingError(
-                    f"{pool[number].name} is another policy than the one that the run has played against, as it was "
-                    f"begun with {begun}: name that file, or put it there, to go on, or begin another run"
+                    f"{pool[number].name} is not the policy that the run has played against, as it was begun with "
+                    f"{begun}: name that file, or put it there, to resume, or begin another run"
                 )
         for number, kept in past.items():
             _check(number not in pool and isinstance(kept, dict) and kept.keys() == {"name", "drawn", "weights"})
@@ -256,7 +256,7 @@ def _check(condition: bool) -> None:
 
 
 def _by_index(given: Any) -> dict[int, Any]:
-    """Return the values by the indices that are their names. Raises TrainingError if they have other names."""
+    """Return the values by their names, which must be indices. Raises TrainingError otherwise."""
     _check(isinstance(given, dict))
     _check(all(len(name) < LONGEST and name.isdecimal() and name == str(int(name)) for name in given))
     return {int(name): value for name, value in given.items()}
@@ -269,7 +269,7 @@ def is_past(name: str) -> bool:
 
 
 def frozen(policy: Networks) -> Networks:
-    """Return a copy of a policy that is not trained any further."""
+    """Return a copy of a policy that is not trained."""
     return deepcopy(policy).requires_grad_(False)
 
 

@@ -27,8 +27,8 @@ Given = str | Path | Policy  # a name of POLICIES, a checkpoint, a folder of a r
 class Contender:
     """A policy with a label that can be part of file names.
 
-    label: Its name in tables and files. text: What it is: a name, the path of its checkpoint, or the name of a
-    function. player: The player of a checkpoint; None for any other policy.
+    label: Name in tables and files. text: Source: a name, the path of its checkpoint, or the name of a function.
+    player: Player of a checkpoint; None for any other policy.
     """
 
     def __init__(self, label: str, policy: str | Policy) -> None:
@@ -48,9 +48,9 @@ class Contender:
     def act(self, env: SurvivalVectorEnv, seed: int, *, keyed: bool = False, slack: float = 0.0) -> Act:
         """Return the function that plays the policy.
 
-        seed: The seed of its random generator. keyed: Whether a saved policy draws by the keys of worlds instead, see
-        EpisodeNoise: then what happens in a world depends on no other one. slack: If not 0, a saved policy returns
-        three choices side by side, see Player.doubted.
+        seed: Seed of its random generator. keyed: Whether a saved policy draws by the keys of worlds instead, see
+        EpisodeNoise: then the course of a world does not depend on other worlds. slack: If not 0, a saved policy
+        returns three choices side by side, see Player.doubted.
         """
         player = self.player
         if player is None:
@@ -58,14 +58,14 @@ class Contender:
             if self._function is not None or is_own(self.text):
                 whole = self._checked(whole, env)
             return lambda seen, indices: np.asarray(whole(seen)[indices])
-        player = copy.copy(player)  # so that the caller's stays as it is
+        player = copy.copy(player)  # the caller's player must not change
         player.reset = player._reset if player.memory else None
-        if player.generator is not None:  # without one it takes the likeliest actions
+        if player.generator is not None:  # without a generator it takes the likeliest actions
             player.generator = torch.Generator().manual_seed(seed)
         if slack:
             player.doubted(slack)
         noise = EpisodeNoise(env, np.arange(env.num_agents)) if keyed and player.generator else None
-        if player.memory:  # memory moves on for all agents, whichever of them it plays
+        if player.memory:  # memory advances for all agents, not only for those it plays
             player._noise, remembering = noise, told(player, env)
             return lambda seen, indices: np.asarray(remembering(seen)[indices])
 
@@ -83,29 +83,29 @@ class Contender:
         keys = [key for key, _ in env.action_columns]
 
         def act(seen: Arrays) -> Actions:
-            own = {key: values.copy() for key, values in seen.items()}  # copies, which it may keep, as in a rollout
+            own = {key: values.copy() for key, values in seen.items()}  # copies: the function may keep them
             return checked_actions(playing(own), shape, env.action_sizes, what=what, axes=axes, keys=keys)
 
         return act
 
 
 def contenders(given: Given | Sequence[Given] | Mapping[str, Given]) -> list[Contender]:
-    """Make a contender for each policy; a folder of a run, or around several, stands for each run's newest checkpoint.
+    """Return a contender for each policy; a folder of a run or several runs stands for each run's newest checkpoint.
 
-    Raises TrainingError: there are none, one is named twice, or there is no such file. Raises UsageError: one is no
-    policy, or a folder without a checkpoint.
+    Raises TrainingError: none are given, one is named twice, or a file does not exist. Raises UsageError: one is not a
+    policy, or is a folder without a checkpoint.
 
-    given: Names, paths, functions; in a mapping they have labels, else labels are made from names and paths.
+    given: Names, paths, functions; a mapping gives their labels; otherwise labels are made from names and paths.
     """
     if isinstance(given, (str, Path)) or callable(given):
         given = [given]
     if not given:
-        raise TrainingError("no policies are given: name some, as in ('scripted', 'runs/duel')")
+        raise TrainingError("policies are empty: name some, as in ('scripted', 'runs/duel')")
     if isinstance(given, Mapping):
         found = [_labelled(label, policy) for label, policy in given.items()]
         names = [contender.label for contender in found]
         if twice := [name for name in names if names.count(name) > 1]:
-            raise TrainingError(f"{', '.join(given)}: two of them are called {twice[0]} in files; choose other labels")
+            raise TrainingError(f"{', '.join(given)}: two get the name {twice[0]} in files; choose other labels")
         check_memories([contender._function for contender in found])
         return found
     chosen = [each for policy in given for each in _expanded(policy)]
@@ -121,7 +121,7 @@ def _labelled(label: str, policy: Given) -> Contender:
 
 
 def _expanded(policy: Given) -> list[tuple[str, str | Policy]]:
-    """Return pairs of a text to make a label from, and a policy, which is no folder."""
+    """Return pairs of a text to make a label from, and a policy, never a folder."""
     if not isinstance(policy, (str, Path)):
         checked_entries([(policy, 1)])
         return [(getattr(policy, "__name__", type(policy).__name__), policy)]
@@ -129,14 +129,14 @@ def _expanded(policy: Given) -> list[tuple[str, str | Policy]]:
     if text in (*POLICIES, *models()) or not place.is_dir():
         if len(place.parts) > 1 and not (is_saved(text) or is_own(text)):
             meant = did_you_mean(text, models(), after=" ")
-            raise TrainingError(f"{text} is no saved policy: {meant}{SAVED_AS} is needed, or {OWN_AS} of your own")
+            raise TrainingError(f"{text} is not a saved policy: {meant}it must be {SAVED_AS}, or {OWN_AS} of your own")
         checked_entries([(text, 1)])
         return [(text, text)]
     return [(f"{folder}/", str(newest(folder))) for folder in runs_in(place)]
 
 
 def labels(texts: Sequence[str]) -> list[str]:
-    """Return a unique label for each text; of a path, as few parts from its end as that takes. Raises TrainingError."""
+    """Return a unique label for each text; for a path, the shortest unique end. Raises TrainingError."""
     whole = [_parts(text) for text in texts]
     if len(set(whole)) < len(whole):
         raise TrainingError(f"a policy is named twice: {', '.join(texts)}")
@@ -144,7 +144,7 @@ def labels(texts: Sequence[str]) -> list[str]:
 
 
 def _parts(text: str) -> tuple[str, ...]:
-    """Return parts of a path, without the ending of a file; a name as it is."""
+    """Return parts of a path, without the ending of a file; a name unchanged."""
     if text in POLICIES or is_own(text) or not (is_saved(text) or re.search(r"[/\\]", text)):
         return (text,)
     if text in models():

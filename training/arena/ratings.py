@@ -10,36 +10,35 @@ from ..base.errors import TrainingError
 Array = np.ndarray[Any, Any]
 
 POINTS = 400 / math.log(10)  # Elo points of one unit of log odds: 400 more are odds of ten to one
-MEAN = 1000.0  # mean of all ratings: it is free, as only differences mean anything
-SURE, MOST = 1e-8, 1000  # Newton's method ends with a step that is shorter, in log odds, or after so many steps
+MEAN = 1000.0  # mean of all ratings: arbitrary, since only differences matter
+SURE, MOST = 1e-8, 1000  # Newton's method ends at a step shorter than this, in log odds, or after this many steps
 
 
 def chained(scores: Array) -> Array:
-    """Return whether a chain of scores leads from i to j: i has scored against a player who has scored against ... j.
+    """Return whether a chain of scores leads from i to j: i scored against a player that scored against ... j.
 
-    scores: (..., players, players), those of i against j. If no chain leads from i to j, the likelihood grows for ever
-    as j is rated higher above i.
+    scores: (..., players, players), those of i against j. If no chain leads from i to j, the likelihood grows without
+    bound as j is rated higher above i.
     """
     count = scores.shape[-1]
     chain: Array = (scores > 0) | np.eye(count, dtype=bool)
-    for _ in range(count.bit_length()):  # each time, it finds chains that are twice as long
+    for _ in range(count.bit_length()):  # every pass finds chains twice as long
         chain = chain @ chain
     return chain
 
 
 def linked(games: Array) -> bool:
-    """Return whether a chain of games links any two players; games: (..., players, players), how many they played."""
+    """Return whether a chain of games links any two players; games: numbers of games, (..., players, players)."""
     return bool(chained(games).all())
 
 
 def elo(wins: Array, draws: Array, added: float = 0.5) -> tuple[Array, Array]:
     """Return ratings and their standard errors, float64 (..., players) each; the ratings' mean is 1000.
 
-    wins[i, j]: games that i won against j; draws[i, j] = draws[j, i]: half a win for both. If two have met, `added`
-    games that i won and as many that j won are counted, too, so that ratings stay finite where one always wins. Errors
-    are the sandwich estimate: the likelihood's curvature around the scatter of the scores in each pairing, so that
-    draws, which scatter less, count as such. Leading axes stand for several tables. Raises ValueError if no chain of
-    games joins all players.
+    wins[i, j]: games that i won against j; draws[i, j] = draws[j, i]: half a win for both. For every pair that has met,
+    `added` wins of each are added, so that ratings stay finite if one always wins. Errors are the sandwich estimate:
+    the curvature of the likelihood around the scatter of the scores in each pairing; draws therefore count with their
+    smaller scatter. Leading axes stand for several tables. Raises ValueError if no chain of games joins all players.
     """
     met = (wins + wins.swapaxes(-1, -2) + draws > 0) & ~np.eye(wins.shape[-1], dtype=bool)
     won, drawn = np.where(met, wins + added, 0.0), np.where(met, draws, 0.0)
@@ -56,14 +55,14 @@ def elo(wins: Array, draws: Array, added: float = 0.5) -> tuple[Array, Array]:
 def anchored(wins: Array, draws: Array, losses: Array, fixed: Array) -> tuple[Array, Array]:
     """Return ratings of players against opponents whose ratings are fixed, and their standard errors.
 
-    A rating is the one under which a player's expected score against all of its opponents is the score that it had. It
-    depends on nothing but these games, so it can be compared with ratings of other players against the same
-    opponents, whenever they play. As in `elo`, half a game won and half a game lost are added for each pair that has
-    met: a player that wins (or loses) everything has a finite rating, a lower (upper) bound, with a large error.
+    A rating is the one under which a player's expected score against all of its opponents is its actual score. It
+    depends on these games only, so it can be compared with ratings of other players against the same opponents. As
+    in `elo`, half a game won and half a game lost are added for each pair that has met: a player that wins (or loses)
+    everything has a finite rating, a lower (upper) bound, with a large error.
 
     Args:
         wins: Games that each player won against each opponent, (players, opponents).
-        draws: Games that were drawn, of the same shape.
+        draws: Drawn games, of the same shape.
         losses: Games that the player lost, of the same shape.
         fixed: Elo ratings of the opponents, (opponents,), taken as exact.
 
@@ -97,7 +96,7 @@ def _check_anchored(wins: Array, draws: Array, losses: Array, fixed: Array) -> N
         given = ", ".join(map(str, (*shapes, fixed.shape)))
         raise TrainingError(f"ratings: expected three tables (players, opponents) and (opponents,), not {given}")
     if not np.isfinite(fixed).all():
-        raise TrainingError(f"ratings: the fixed ones must be numbers, not {fixed}")
+        raise TrainingError(f"ratings: fixed ratings must be finite, not {fixed}")
     if not all((each >= 0).all() and np.isfinite(each).all() for each in (wins, draws, losses)):
         raise TrainingError("ratings: numbers of games won, drawn and lost must be 0 or more")
     if alone := np.flatnonzero(~(wins + draws + losses > 0).any(1)).tolist():
@@ -105,7 +104,7 @@ def _check_anchored(wins: Array, draws: Array, losses: Array, fixed: Array) -> N
 
 
 def _fitted(games: Array, score: Array) -> Array:
-    """Find the log odds, of mean 0, under which players' expected scores equal their scores, by Newton's method."""
+    """Return the log odds, of mean 0, under which expected scores equal actual scores, by Newton's method."""
     odds: Array = np.zeros(games.shape[:-1])
     for _ in range(MOST):
         curvature = _laplacian(games * _slope(odds))
@@ -126,7 +125,7 @@ def _expected(odds: Array) -> Array:
 
 
 def _slope(odds: Array) -> Array:
-    """Return how much the expected score of a game of i and j grows with the difference: (..., players, players)."""
+    """Return the derivative of the expected score of i against j by their difference: (..., players, players)."""
     slope: Array = _expected(odds) * _expected(-odds)
     return slope
 

@@ -1,1 +1,1 @@
-"""Parts of training that need no PyTorch: files, tables, statistics, curves, and what a run is asked for."""
+"""Parts of training that do not need PyTorch: files, tables, statistics, curves and the settings of a run."""

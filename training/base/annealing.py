@@ -17,10 +17,10 @@ class Anneal:
     """A number of the game that changes linearly over the first agent-steps of a run and then keeps its last value.
 
     Attributes:
-        name: The name of the number, as Scenario.replace takes it.
-        first: Its value at the beginning.
-        last: Its value at the end.
-        steps: How many agent-steps the change takes; 0: the whole run.
+        name: Name of the number in Scenario.replace.
+        first: Value at the beginning.
+        last: Value at the end.
+        steps: Agent-steps that the change takes; 0: the length of the run.
     """
 
     name: str
@@ -33,7 +33,7 @@ class Anneal:
 
     def value(self, done: int, scenario: Scenario) -> float:
         """Return the value after `done` agent-steps, rounded if the scenario has an integer there."""
-        share = min(1.0, done / max(1, self.steps))  # a run of no steps is at its beginning
+        share = min(1.0, done / max(1, self.steps))  # a run of 0 steps stays at its first value
         value = (1 - share) * self.first + share * self.last
         return round(value) if type(kept(scenario, self.name)) is int else value
 
@@ -43,7 +43,7 @@ class Anneal:
             raise TrainingError(f"{self.name} is {now!r}: only a single number can be annealed; change it by --set")
         if "_".join(scenario.find_number(self.name)) in dict(scenario.varied):
             raise TrainingError(
-                f"{self.name} varies from world to world; annealed, it would be one for all: say one of them"
+                f"{self.name} varies from world to world; annealing sets one value for all: use one of the two"
             )
         for end in (self.first, self.last):
             scenario.replace(**{self.name: int(end) if type(now) is int and end == int(end) else end})
@@ -63,12 +63,12 @@ def parse_anneal(texts: Iterable[str]) -> tuple[Anneal, ...]:
             raise TrainingError(f"--anneal {text}: {NEEDED}")
         name, *ends, steps = match.groups()
         if name in found:
-            raise TrainingError(f"--anneal {text}: {name} is there twice")
+            raise TrainingError(f"--anneal {text}: {name} is given twice")
         try:
             first, last, length = float(ends[0]), float(ends[1]), float(steps or 0)
         except ValueError:
             raise TrainingError(f"--anneal {text}: {NEEDED}") from None
         if not math.isfinite(first + last + length) or length != int(length) or (steps and length < 1):
-            raise TrainingError(f"--anneal {text}: finite numbers are needed, and of STEPS a whole one of at least 1")
+            raise TrainingError(f"--anneal {text}: numbers must be finite, and STEPS an integer of at least 1")
         found[name] = Anneal(name, first, last, int(length))
     return tuple(found.values())

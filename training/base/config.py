@@ -1,4 +1,4 @@
-"""Settings of a training: everything that determines the numbers that come out of a run."""
+"""Settings of a training run: everything that determines its results."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -23,65 +23,63 @@ from .hyperparameters import KINDS, Hyperparameters
 from .presets import DEAD, PRESETS, preset
 from .run_header import Header
 
-HOW = ("processes",)  # what decides how a run is computed, not which numbers come out
+HOW = ("processes",)  # settings that change the computation, not the results
 LEARNED, OPPOSED, ROLLOUT, OUTPUT, MACHINE = "what is learned", "opponents", "a rollout", "output", "machine"
 PLAYED = "what is played"
-FAST = "fast"  # the preset unless another one is asked for
-SELF, PAST = "self", "past"  # opponents that only training has
+FAST = "fast"  # the preset by default
+SELF, PAST = "self", "past"  # opponents that exist only in training
 OPPONENTS = (SELF, PAST, *NAMED)
 CHUNK = 16  # steps over which gradients flow back through a memory
 Choose = Callable[[Any], Sequence[Level]]  # called with a curriculum.TrainingProgress
-CODE = {  # what is code of the user's own; run.json has the names
-    "levels": "a function is needed, of progress to a list of levels",
-    "loss": "a function is needed, of a batch to a tensor, or to that and a dict of figures",
-    "networks": "a subclass of outlast.training.policies.policy.Networks is needed",
+CODE = {  # settings that take the user's own code; run.json stores its names
+    "levels": "must be a function that takes the progress and returns a list of levels",
+    "loss": "must be a function that takes a batch and returns a tensor, or a tensor and a dict of figures",
+    "networks": "must be a subclass of outlast.training.policies.policy.Networks",
 }
-TEACHERS = tuple(name for name in NAMED if name not in ("random", "noop"))  # worth imitating
-IMITATED = 1_500_000  # agent-steps of imitation, unless others are asked for
+TEACHERS = tuple(name for name in NAMED if name not in ("random", "noop"))  # teachers for imitation
+IMITATED = 1_500_000  # agent-steps of imitation, by default
 
 
 def parse_warm_start(text: str) -> tuple[str, int]:
-    """Parse what policies start from: a name or a path, and the agent-steps of imitation; 0: the weights are taken.
+    """Return the teacher (a name or a path) and the agent-steps of imitation; 0: its weights are taken.
 
     Networks of any kind can be imitated; to take weights, a file needs a critic. "": random weights. Raises
-    TrainingError if the text is none of what `warm_start` of TrainingConfig says.
+    TrainingError if the text does not follow the description of `warm_start` in TrainingConfig.
     """
-    whole = ":" not in text or is_saved(text) or Path(text).is_dir()  # as C:/runs is
+    whole = ":" not in text or is_saved(text) or Path(text).is_dir()  # such as C:/runs
     name, _, length = (text, "", "") if whole else text.rpartition(":")
     if text and name not in TEACHERS and not is_saved(policy_file(name, TEACHERS)):
         known = f"{', '.join(TEACHERS)} or a saved policy ({SAVED_AS})"
-        raise TrainingError(f"warm start {text}: {known} is needed, perhaps with :STEPS")
+        raise TrainingError(f"warm start {text}: must be {known}, optionally with :STEPS")
     try:
         steps = float(length or (IMITATED if name in TEACHERS else 0))
     except ValueError:
         steps = math.nan
     if steps % 1 != 0 or (length and steps < 1):
-        raise TrainingError(
-            f"warm start {text}: a whole number of agent-steps of at least 1 is needed, as in {name}:2e6"
-        )
+        raise TrainingError(f"warm start {text}: the agent-steps must be an integer >= 1, as in {name}:2e6")
     return name, int(steps)
 
 
 def name_of(code: Any) -> str:
-    """Return the name of a function or class with that of its module; of any other object, that of its class."""
+    """Return the name of a function or class with its module; of another object, the name of its class."""
     return full_name(code if hasattr(code, "__qualname__") else type(code))
 
 
 def check_importable(name: str, code: Any) -> None:
-    """Raise TrainingError unless other code finds a function or class by the names of its module and itself."""
+    """Raise TrainingError unless a function or class can be imported by the name of its module and its own name."""
     if imported_code(name_of(code)) is not code:
         raise TrainingError(
-            f"{name} = {name_of(code)} cannot be imported, which is needed by other processes and whoever loads what "
-            "is saved: define it by its name at the top of a module"
+            f"{name} = {name_of(code)} cannot be imported, but other processes and readers of saved files must import "
+            "it: define it by its name at the top of a module"
         )
 
 
 @dataclass(frozen=True)
 class TrainingConfig:
-    """Settings of a training: arguments of `outlast.train` by name, checked, and parsed if they are texts.
+    """Settings of a training run: arguments of `outlast.train` by name, checked, and parsed if they are texts.
 
-    Equal configs give equal numbers, whatever `processes` and `every` are. What is declared here is all that
-    is said of an option anywhere; `python -m tests.options --write` brings it into the signature of `outlast.train`.
+    Equal configs give equal results, for any values of `processes` and `every`. Every option is declared here only;
+    `python -m tests.options --write` copies the declarations into the signature of `outlast.train`.
     """
 
     scenario: Scenario
@@ -142,7 +140,7 @@ class TrainingConfig:
     opponents: dict[str, float] = option(
         lambda: {SELF: 1.0},
         OPPOSED,
-        "whom the agents play against, with weights, as in self:0.5,past:0.5. self is the policy itself, past one of "
+        "the opponents of the agents, with weights, as in self:0.5,past:0.5. self is the policy itself, past one of "
         f"its earlier selves; also {', '.join(OPPONENTS[2:])}, {SAVED_AS} (default self)",
         python='Also as a dict: {"self": 0.5, "past": 0.5}.',
         metavar="NAME:WEIGHT,...",
@@ -162,7 +160,7 @@ class TrainingConfig:
     memory: int = option(
         0,
         LEARNED,
-        "how many numbers each agent remembers from step to step (default 0: no memory)",
+        "size of each agent's memory, in numbers kept from step to step (default 0: no memory)",
         metavar="N",
         least=0,
         most=4096,
@@ -170,7 +168,7 @@ class TrainingConfig:
     critic: str = option(
         "own",
         LEARNED,
-        "learn values from what the agent observes (own), or from that and the state of the whole world (state)",
+        "learn values from what the agent observes (own), or from that and the state of the world (state)",
         choices=("own", "state"),
     )
     warm_start: str = option(
@@ -185,7 +183,7 @@ class TrainingConfig:
         (),
         LEARNED,
         "change a number of the game linearly during training: rewards_kill=10:0@5e6 goes from 10 to 0 in the first 5 "
-        "million agent-steps, and without @5e6 in the whole run",
+        "million agent-steps, and without @5e6 over the length of the run",
         python="As a text, or a list of several.",
         metavar="NUMBER=FROM:TO[@STEPS]",
         many=True,
@@ -198,7 +196,7 @@ class TrainingConfig:
         "outlast.training.ppo.curriculum.TrainingProgress; None: worlds draw their own",
     )
     loss: Callable[[Any], Any] | None = option(
-        None, "", "what is minimised: a function of an outlast.training.ppo.minibatches.Batch; None: PPO's loss"
+        None, "", "the loss: a function of an outlast.training.ppo.minibatches.Batch; None: PPO's loss"
     )
     networks: Any = option(
         None,
@@ -222,20 +220,20 @@ class TrainingConfig:
             object.__setattr__(self, name, int(value))
         kinds = (kind for module in self.scenario.modules for kind in module.archetypes())
         if self.dead == "drop" and any(isinstance(part, Return) for kind in kinds for part in kind.parts):
-            raise TrainingError("dead = 'drop': agents come back here, so no return ends at a death; take 'keep'")
+            raise TrainingError("dead = 'drop': agents respawn here, so a death does not end a return; take 'keep'")
         if self.prioritised and PAST not in self.opponents and len(self.opponents.keys() - {SELF}) < 2:
             raise TrainingError("prioritised needs several opponents to choose among: name some, such as self:1,past:1")
         if self.snapshots != default_of(TrainingConfig, "snapshots") and PAST not in self.opponents:
             raise TrainingError("snapshots have no effect without past selves: name some opponents, such as past:0.5")
-        _, (teacher, _), (worlds, rollout) = self.numbers, self.teacher, self.size  # these check themselves
-        if (file := policy_file(teacher, TEACHERS)) != teacher:  # so that the run records which file it was
+        _, (teacher, _), (worlds, rollout) = self.numbers, self.teacher, self.size  # reading these checks them
+        if (file := policy_file(teacher, TEACHERS)) != teacher:  # the run records the name of the file
             object.__setattr__(self, "warm_start", self.warm_start.replace(teacher, file, 1))
         self._check_cameras()
         if self.memory and rollout // worlds % CHUNK:
             fitting = worlds * CHUNK * max(1, round(rollout / worlds / CHUNK))
             raise TrainingError(
-                f"a rollout of {rollout} steps has {rollout // worlds} of each world: with a memory, a multiple of "
-                f"{CHUNK} is needed, such as --rollout {fitting}"
+                f"a rollout of {rollout} steps has {rollout // worlds} of each world: with a memory, it must be a "
+                f"multiple of {CHUNK}, such as --rollout {fitting}"
             )
         for each in self.anneal:
             each.check(self.scenario)
@@ -243,17 +241,17 @@ class TrainingConfig:
         decisive = [name for name in ("agents_count", "teams_sizes") if name in dict(self.scenario.varied)]
         if self.policies == "side" and "teams" in self.scenario and decisive:
             raise TrainingError(
-                f"policies = 'side': {decisive[0]} varies, and with it who is on which side; take 'shared' or 'agent'"
+                f"policies = 'side': {decisive[0]} varies, and the sides of agents with it; take 'shared' or 'agent'"
             )
         object.__setattr__(self, "anneal", tuple(replace(a, steps=a.steps or self.steps) for a in self.anneal))
         if self.processes > (most := self.size[0]):
-            raise TrainingError(f"processes = {self.processes}: from 1 to {most}, one for each world, are possible")
+            raise TrainingError(f"processes = {self.processes}: must be from 1 to {most}, the number of worlds")
 
     def check_teacher(self) -> None:
-        """Raise TrainingError if a run cannot begin by imitating the teacher; it can still go on from a checkpoint."""
+        """Raise TrainingError if a run cannot begin by imitating the teacher; a checkpoint can still be resumed."""
         name, imitated = self.teacher
         if imitated and is_saved(name) and self.processes > 1:
-            raise TrainingError(f"{name} draws numbers in turn: imitate it with one process, then resume with several")
+            raise TrainingError(f"{name} draws in sequence: imitate it with one process, then resume with several")
 
     def _check_cameras(self) -> None:
         """Raise TrainingError if the preset would replace the cameras_mode that the scenario asks for."""
@@ -274,7 +272,7 @@ class TrainingConfig:
                 if not callable(code):
                     raise TrainingError(f"{name} = {code!r:.200}: {needed}")
                 if name == "levels" and self.processes > 1:
-                    raise TrainingError("levels are chosen in one process, as the function is: leave out processes")
+                    raise TrainingError("the levels function runs in one process only: leave out processes")
                 if name == "networks" or (name == "loss" and self.processes > 1):
                     check_importable(name, code)
         apart = isinstance(self.networks, Mapping) or len(self.numbers_by_policy) > 1
@@ -285,25 +283,25 @@ class TrainingConfig:
             )
 
     def header(self) -> Header:
-        """Return the part of run.json that determines the numbers that come out."""
+        """Return the part of run.json that determines the results."""
         worlds, rollout = self.size
         kept = {key: value for key, value in vars(self).items() if key not in ("scenario", "every", *HOW)}
         kept |= {name: kept[name] and self.code_names(kept[name]) for name in CODE}
         opponents = ",".join(f"{name}:{weight:g}" for name, weight in self.opponents.items())
         kept |= {"worlds": worlds, "rollout": rollout, "opponents": opponents}
         kept["anneal"] = ",".join(map(str, self.anneal))
-        if not any(each.anneal_lr for each in self.numbers_by_policy.values()):  # then the run may be made longer
+        if not any(each.anneal_lr for each in self.numbers_by_policy.values()):  # such a run may be extended
             del kept["steps"]
         return {"plan": kept, "scenario": fingerprint(self.scenario), "modules": classes(self.scenario)}
 
     @staticmethod
     def code_names(code: Any) -> str:
-        """Return the name of code of the user's own; of networks by side, "seeker:mygame.Small,hider:mygame.Large"."""
+        """Return the name of the user's code; for networks by side, "seeker:mygame.Small,hider:mygame.Large"."""
         return ",".join(f"{k}:{name_of(v)}" for k, v in code.items()) if isinstance(code, Mapping) else name_of(code)
 
     @property
     def numbers(self) -> Hyperparameters:
-        """The numbers of PPO, of policies that have none of their own."""
+        """The numbers of PPO of policies without numbers of their own."""
         return self.numbers_by_policy[""]
 
     @property
@@ -313,7 +311,7 @@ class TrainingConfig:
 
     @property
     def teacher(self) -> tuple[str, int]:
-        """Return who is imitated first, and for how many agent-steps; see parse_warm_start. Raises TrainingError."""
+        """Return the teacher, and the agent-steps of imitation; see parse_warm_start. Raises TrainingError."""
         return parse_warm_start(self.warm_start)
 
     @property
@@ -323,8 +321,8 @@ class TrainingConfig:
 
     @property
     def agents(self) -> int:
-        """Agents of a world; where their number varies, the largest."""
-        varied = dict(self.scenario.varied).get("agents_count")  # without agents, making worlds raises an error later
+        """Agents of a world; the largest number where it varies."""
+        varied = dict(self.scenario.varied).get("agents_count")  # making worlds without agents is an error
         return int(varied.extremes()[1] if varied else self.scenario.numbers().get("agents_count", 1))
 
 
@@ -338,7 +336,7 @@ class RunOptions:
         "folder of the run, or the folder around those of several runs (default runs/VARIANT-PRESET-SEED)",
         flag="--out",
     )
-    resume: bool = option(False, OUTPUT, "go on from the newest checkpoint in the folder of the run")
+    resume: bool = option(False, OUTPUT, "resume from the newest checkpoint in the folder of the run")
     film: bool = option(False, OUTPUT, "make a short film of each checkpoint, a .webm file beside it")
     quiet: bool = option(False, OUTPUT, "show no progress bar")
     cluster: str | None = option(
@@ -346,18 +344,18 @@ class RunOptions:
         MACHINE,
         "have all processes but the first on the Ray cluster at ADDRESS; without ADDRESS, on that of $RAY_ADDRESS, the "
         "one on this machine, or a new one here (default: no cluster)",
-        python='"" is no ADDRESS.',
+        python='"" stands for no ADDRESS.',
         flag="--ray",
         metavar="ADDRESS",
     )
     callbacks: Sequence[Any] = option(
-        (), "", "objects with some of the methods of outlast.training.runs.run.Callbacks, called as the run goes on"
+        (), "", "objects with some of the methods of outlast.training.runs.run.Callbacks, called during the run"
     )
 
 
 @dataclass(frozen=True)
 class EvaluationOptions:
-    """The options of `outlast.evaluate`."""
+    """Options of `outlast.evaluate`."""
 
     episodes: int = option(
         200, PLAYED, "episodes of each pairing, rounded up so that all worlds play the same number", least=1
@@ -376,9 +374,9 @@ class EvaluationOptions:
 
 @dataclass(frozen=True)
 class Workload:
-    """The agent-steps of a run, including those of opponents, in rollouts that are always collected completely.
+    """The agent-steps of a run, including those of opponents. Rollouts are always collected completely.
 
-    asked: Those that were requested. each: Those of a rollout, the product of `sizes`.
+    asked: Requested agent-steps. each: Agent-steps of a rollout, the product of `sizes`.
     """
 
     asked: int
@@ -393,7 +391,7 @@ class Workload:
 
     @property
     def rollouts(self) -> int:
-        """Return how many rollouts there are."""
+        """Return the number of rollouts."""
         return -(-self.asked // self.each)
 
     @property

@@ -1,4 +1,4 @@
-"""Learning curves: of the log of a run; of several runs, kept in one small file; averages, end values. By numpy."""
+"""Learning curves: read from the log of a run or from the file of several runs; averages and end values. By numpy."""
 
 import csv
 import io
@@ -21,7 +21,7 @@ from .tables import csv_text
 
 FILE = "curves.csv.xz"  # the curves of several runs, in a folder of results that are kept
 BEYOND = 1e30  # values are below this, so that they can be squared and added up
-END = 0.1  # the share of the points that is the end of a run
+END = 0.1  # share of the points that counts as the end of a run
 SMOOTH = 20  # a moving average spans 1 / SMOOTH of the points
 STUDENT = (12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262)  # 97.5 % of t, 1 to 9 degrees of freedom
 Array = np.ndarray[Any, Any]
@@ -29,14 +29,14 @@ Array = np.ndarray[Any, Any]
 
 @dataclass(frozen=True)
 class Quantity:
-    """A logged quantity. tag: In TensorBoard. sided: Whether each agent or team has its own: tag0, tag1 and so on."""
+    """A logged quantity. tag: Tag in TensorBoard. sided: Whether each agent or team has a tag: tag0, tag1 and so on."""
 
     name: str
     tag: str
     sided: bool = False
 
     def has(self, tag: str) -> bool:
-        """Return whether the tag is one of this quantity's."""
+        """Return whether the tag belongs to this quantity."""
         number = tag.removeprefix(self.tag)
         fits = re.fullmatch("0|[1-9][0-9]{0,3}", number) is not None if self.sided else not number
         return fits and tag.startswith(self.tag)
@@ -49,7 +49,7 @@ class Quantity:
 RETURN, LENGTH = Quantity("return", "rollout/reward", sided=True), Quantity("episode length", "rollout/steps")
 HEALS, KILLS = Quantity("heals used", "rollout/heals_used"), Quantity("kills", "rollout/kills", sided=True)
 BOXES = Quantity("boxes placed", "rollout/boxes_placed")
-QUANTITIES = (RETURN, LENGTH, HEALS, KILLS, BOXES)  # of the paper; each is a finite number wherever it is logged
+QUANTITIES = (RETURN, LENGTH, HEALS, KILLS, BOXES)  # of the paper; every logged value is finite
 NEEDED = ("rollout/steps", "rollout/reward0")  # every run in which an episode has ended has them
 
 
@@ -73,11 +73,11 @@ class Curves:
         return sorted((tag for tag in self.values if quantity.has(tag)), key=quantity.side)
 
 
-Described = tuple[dict[str, Any], Curves]  # what a run is, and its curves
+Described = tuple[dict[str, Any], Curves]  # the description of a run, and its curves
 
 
 def thinned(curves: Curves, most: int) -> Curves:
-    """Reduce curves to at most `most` points, each the mean of some neighbours, at the step of the last of these."""
+    """Reduce curves to at most `most` points, each the mean of neighbours, at the last of their steps."""
     starts = np.arange(0, len(curves.steps), -(-len(curves.steps) // most))
     ends = np.append(starts[1:], len(curves.steps)) - 1
     values = {tag: _means(own, starts) for tag, own in curves.values.items()}
@@ -85,13 +85,13 @@ def thinned(curves: Curves, most: int) -> Curves:
 
 
 def rounded(curves: Curves, digits: int) -> Curves:
-    """Round the values of curves to so many significant digits."""
+    """Round the values of curves to a number of significant digits."""
     values = {tag: np.array([f"{value:.{digits}g}" for value in own], np.float32) for tag, own in curves.values.items()}
     return Curves(curves.steps, values)
 
 
 def _means(values: Array, starts: Array) -> Array:
-    """Return the means of parts that begin at `starts`, without NaN; NaN where there is nothing else."""
+    """Return the means of parts that begin at `starts`, without NaN; NaN if a part holds nothing else."""
     there = np.isfinite(values)
     counts = np.add.reduceat(there, starts, dtype=np.float64)
     sums = np.add.reduceat(np.where(there, values, 0), starts, dtype=np.float64)
@@ -102,16 +102,16 @@ def _means(values: Array, starts: Array) -> Array:
 def curves_of_log(path: Path, known: Callable[[str], bool]) -> Curves:
     """Return the curves in the log of a run.
 
-    Raises EmptyRunError: no episode has ended in it yet. Raises TrainingError: it is no log, or has numbers that cannot
-    be drawn.
+    Raises EmptyRunError if no episode of the run has ended yet. Raises TrainingError if the file is not a log, or has
+    numbers that cannot be drawn.
 
-    known: Whether a tag must have finite numbers only, or the log is broken; other tags may have NaN.
+    known: Returns whether a tag must have finite values only; other tags may have NaN.
     """
-    begun = path.exists() and path.stat().st_size > 0  # else the run has not written its first row yet
+    begun = path.exists() and path.stat().st_size > 0  # otherwise the run has not written its first row yet
     points = read_log(path) if begun else {}
     for tag in NEEDED:
         if tag not in points:
-            raise EmptyRunError(f"{path} has no {tag}: no episode has ended in it yet, or no run of ours wrote it")
+            raise EmptyRunError(f"{path} has no {tag}: no episode has ended in it yet, or outlast did not write it")
     for tag, rows in points.items():
         if bad := [step for step, value in rows if known(tag) and not abs(value) < BEYOND]:
             raise TrainingError(f"{path} is broken: {tag} at step {bad[0]} is not a finite number")
@@ -128,11 +128,11 @@ def _spread(rows: list[tuple[int, float]], steps: Array) -> Array:
 
 
 def format_curves(runs: Mapping[str, Described]) -> bytes:
-    """Write runs as a CSV file, compressed: what each is as JSON in a comment, then a row for each point of each run.
+    """Return runs as a compressed CSV file: their descriptions as JSON in a comment, then a row for each point.
 
     Numbers have the fewest digits that give the same float32. Equal runs give equal bytes.
 
-    runs: What each run is, and its curves, by a name that may be that of a file.
+    runs: The description of each run, and its curves, by a name that is valid for a file.
     """
     tags, rows = sorted({tag for _, curves in runs.values() for tag in curves.values}), list[list[Any]]()
     for name, (_, curves) in runs.items():
@@ -145,7 +145,7 @@ def format_curves(runs: Mapping[str, Described]) -> bytes:
 
 
 def read_curves(path: Path) -> dict[str, Described]:
-    """Read what `format_curves` has written. Raises TrainingError for any other file."""
+    """Read a file written by `format_curves`. Raises TrainingError for any other file."""
     content = read_bytes(path)
     try:
         return dict(_parse(content))
@@ -153,7 +153,7 @@ def read_curves(path: Path) -> dict[str, Described]:
         raise TrainingError(f"{path} does not hold the curves of runs: {error}") from None
 
 
-@lru_cache(maxsize=8)  # as every run of a file is asked for by itself
+@lru_cache(maxsize=8)  # the runs of a file are requested one by one
 def _parse(content: bytes) -> dict[str, Described]:
     first, _, rest = unpacked(content).partition("\n")
     if not first.startswith("# "):
@@ -165,17 +165,17 @@ def _parse(content: bytes) -> dict[str, Described]:
     points: dict[str, list[list[str]]] = {name: [] for name in about}
     for number, row in enumerate(rows, 3):
         if len(row) != len(heads):
-            raise ValueError(f"line {number} has {len(row)} cells, and the heading {len(heads)}: was it cut off?")
+            raise ValueError(f"line {number} has {len(row)} cells, but the heading {len(heads)}: was it cut off?")
         if row[0] not in points:
-            raise ValueError(f"line {number} is of {row[0]!r:.80}, which its first line does not describe")
+            raise ValueError(f"line {number} belongs to {row[0]!r:.80}, which its first line does not describe")
         points[row[0]].append(row[1:])
     if odd := [name for name in points if not name.isprintable() or Path(name).name != name]:
-        raise ValueError(f"a run cannot be called {odd[0]!r:.80}")
+        raise ValueError(f"{odd[0]!r:.80} is not a valid name of a run")
     return {name: (about[name], _columns(heads[2:], own)) for name, own in points.items()}
 
 
 def _columns(tags: Sequence[str], rows: Sequence[Sequence[str]]) -> Curves:
-    """Make curves of the rows of a run: a step, and a value for each tag or nothing. Raises ValueError."""
+    """Return curves from the rows of a run: a step, and a value or nothing for each tag. Raises ValueError."""
     if not rows:
         raise ValueError("it has a run without rows")
     texts, *columns = zip(*rows, strict=True)
@@ -197,7 +197,7 @@ def _numbers(column: Sequence[str]) -> Array:
 
 @dataclass(frozen=True)
 class EndValue:
-    """Mean and standard deviation of the last tenth of a curve's points; the deviation of a single point is NaN."""
+    """Mean and standard deviation of the last tenth of a curve's points; for a single point the deviation is NaN."""
 
     mean: float
     deviation: float
@@ -205,9 +205,9 @@ class EndValue:
 
 @dataclass(frozen=True)
 class MovingAverage:
-    """Mean, lowest and highest of the moving averages of runs at each number of agent-steps, all (points,).
+    """Mean, minimum and maximum of the moving averages of runs at each number of agent-steps, all (points,).
 
-    Where some runs have ended, the other runs make up the average, or there are no points: see `average`.
+    After the end of a run, the average is over the other runs, or there are no points: see `average`.
     """
 
     steps: Array
@@ -225,12 +225,12 @@ class MovingAverage:
 def average(runs: Sequence[Curves], tag: str, *, common: bool = False) -> MovingAverage:
     """Average the smoothed curves of the runs that have the tag; at least one must have it.
 
-    Between its points, a run is interpolated. common: Take only the points from where all of these runs have begun to
-    where the first one ends, so that the average does not jump when a run drops out; there may be no such points.
+    Runs are interpolated between their points. common: Take only the points from the latest beginning to the earliest
+    end of these runs, so that the average does not jump when a run ends; the result may be empty.
     """
     curves = [one for one in runs if tag in one.values]
     steps = np.unique(np.concatenate([one.steps for one in curves]))
-    every = np.full((len(curves), len(steps)), np.nan)  # as it is before the first point of a run, and after its last
+    every = np.full((len(curves), len(steps)), np.nan)  # NaN before the first point of a run and after its last
     for row, one in zip(every, curves, strict=True):
         values = smooth(one.values[tag])
         if (own := np.isfinite(values)).any():
@@ -241,7 +241,7 @@ def average(runs: Sequence[Curves], tag: str, *, common: bool = False) -> Moving
 
 
 def smooth(values: Array) -> Array:
-    """Return the moving average over the points around each point, which are fewer at both ends; NaNs are left out."""
+    """Return the moving average around each point, over fewer points at both ends; NaNs are left out."""
     half = window_size(len(values)) // 2
     there = np.isfinite(values)
     sums = np.concatenate([[0.0], np.cumsum(np.where(there, values, 0.0), dtype=np.float64)])
@@ -254,7 +254,7 @@ def smooth(values: Array) -> Array:
 
 
 def window_size(points: int) -> int:
-    """Return how many points a moving average spans in a curve of `points` points; an odd number."""
+    """Return the number of points, odd, that a moving average spans in a curve of `points` points."""
     return max(1, points // SMOOTH) | 1
 
 
@@ -266,7 +266,7 @@ def end_value(values: Array) -> EndValue:
 
 
 def interval(values: Sequence[float]) -> tuple[float, float]:
-    """Return the 95 % interval of a mean by Student's t: lower and upper end, NaN for a single value."""
+    """Return the 95 % interval of a mean by Student's t: lower and upper end; NaN for a single value."""
     count = len(values)
     if count < 2:
         return float("nan"), float("nan")

@@ -7,9 +7,9 @@ from outlast.envs.errors import UsageError, install
 
 
 class TrainingError(UsageError):
-    """A run cannot begin or go on: its folder is in use, or a checkpoint is damaged or belongs to something else.
+    """A run cannot begin or continue: its folder is in use, or a checkpoint is damaged or belongs to another run.
 
-    lost: Whether the only problem is that another process of the run has ended.
+    lost: Whether the only cause is that another process of the run has ended.
     """
 
     def __init__(self, text: str = "", *, lost: bool = False) -> None:
@@ -18,14 +18,14 @@ class TrainingError(UsageError):
 
 
 class EmptyRunError(TrainingError):
-    """A run has no curve, since no episode has ended in it yet."""
+    """A run has no curve because no episode of it has ended yet."""
 
 
 @contextmanager
 def needed(extra: str, what: str) -> Iterator[None]:
-    """Turn the lack of a library that is imported inside into a TrainingError: what needs it, and the extra to install.
+    """Raise a TrainingError if a library that is imported inside is missing: it names the feature and the extra.
 
-    what: The beginning of the message, as "figures need".
+    what: Beginning of the message, such as "figures need".
     """
     try:
         yield

@@ -12,8 +12,8 @@ from outlast.envs.storage.outputs import check_file, check_folder
 
 from .errors import TrainingError
 
-LARGEST = 2**30  # bytes of a text, such as the log of a long run
-LARGEST_PACKED = 2**26  # bytes of a text that was compressed
+LARGEST = 2**30  # maximum bytes of a text, such as the log of a long run
+LARGEST_PACKED = 2**26  # maximum bytes of a text that was compressed
 T = TypeVar("T")
 
 
@@ -23,7 +23,7 @@ def read_text(path: Path) -> str:
 
 
 def read_bytes(path: Path, most: int = 0) -> bytes:
-    """Return the content of a file of at most so many bytes; 0: LARGEST. Raises TrainingError if it cannot be read."""
+    """Return the content of a file of at most `most` bytes; 0: LARGEST. Raises TrainingError if it cannot be read."""
     return _read(limited_read.read_bytes, path, most or LARGEST)
 
 
@@ -33,7 +33,7 @@ def _read(read: Callable[[Path, int], T], path: Path, most: int) -> T:
     except OSError as error:
         raise TrainingError(f"{path} cannot be read: {error.strerror}") from error
     except ValueError as error:
-        wrong = "it is no text" if isinstance(error, UnicodeDecodeError) else error
+        wrong = "it is not UTF-8 text" if isinstance(error, UnicodeDecodeError) else error
         raise TrainingError(f"{path} cannot be read: {wrong}") from error
 
 
@@ -43,17 +43,17 @@ def packed(text: str) -> bytes:
 
 
 def unpacked(content: bytes) -> str:
-    """Return the text that was compressed by `packed`. Raises ValueError if the content is something else."""
+    """Return the text that `packed` has compressed. Raises ValueError for other content."""
     return limited_read.unpack(content, LARGEST_PACKED).decode()
 
 
 def check_out(folder: str | os.PathLike[str]) -> Path:
-    """Return the path of a folder for results, if they can be written into it. Raises TrainingError."""
+    """Return the path of a folder for results. Raises TrainingError if it is not writable."""
     return check_folder(folder, TrainingError)
 
 
 def check_results(paths: Iterable[Path]) -> None:
-    """Raise TrainingError, before anything is written, unless all of these files can be written."""
+    """Raise TrainingError unless all of these files can be written. Writes nothing."""
     for path in paths:
         check_out(path.parent)
         if path.parent.exists():

@@ -1,4 +1,4 @@
-"""PPO's hyperparameters: those of the authors' runs, and which others are possible."""
+"""PPO's hyperparameters: those of the authors' runs, and their ranges."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping
@@ -11,11 +11,11 @@ from outlast.ecs.kernels.integers import as_whole
 
 from .errors import TrainingError
 
-TOGETHER = ("gamma", "gae_lambda", "scale_rewards")  # decide a rollout, so all policies of a run have the same
+TOGETHER = ("gamma", "gae_lambda", "scale_rewards")  # these act on rollouts, so all policies of a run share them
 TRUTHS = {"true": True, "1": True, "false": False, "0": False}
 PARSERS: dict[type, Callable[[str], Any]] = {
     bool: lambda text: TRUTHS[text.lower()],
-    int: lambda text: as_whole(float(text)),  # 1e4 is whole, too
+    int: lambda text: as_whole(float(text)),  # 1e4 is an integer, too
     float: float,
     str: str,
 }
@@ -28,12 +28,12 @@ SHARE: Range = ("from 0 to 1", lambda value: 0 <= value <= 1)
 
 
 def at_least(least: int) -> Range:
-    """Return the range of numbers from `least` on."""
+    """Return the range of numbers >= `least`."""
     return f"of at least {least}", lambda value: value >= least
 
 
 def number(default: Any, text: str, allowed: Range = ANY) -> Any:
-    """Return the field of a hyperparameter: what it is, and its range."""
+    """Return the field of a hyperparameter, with its description and range."""
     return field(default=default, metadata={"text": text, "range": allowed})
 
 
@@ -46,10 +46,10 @@ class Hyperparameters:
         False, "whether the learning rate falls to 0 along the run, in proportion to the steps that are left"
     )
     batch_size: int = number(  # of at least 2, as advantages are normalised in each minibatch
-        512, "about how many samples a minibatch has; the samples of a rollout are shared out evenly", at_least(2)
+        512, "approximate samples of a minibatch; the samples of a rollout are divided evenly", at_least(2)
     )
     n_epochs: int = number(
-        400, "how often every sample is used, at most; the divergence ends most updates", at_least(1)
+        400, "maximum passes over the samples; the divergence ends most updates earlier", at_least(1)
     )
     gamma: float = number(0.99, "discount of a step", SHARE)
     gae_lambda: float = number(0.95, "how far advantages look ahead, from 0 to 1", SHARE)
@@ -93,15 +93,15 @@ class Hyperparameters:
         for name, value in settings.items():
             policy, _, number = name.rpartition(":")
             if policy and number in TOGETHER:
-                raise TrainingError(f"{name}: all policies share {', '.join(TOGETHER)}; say {number} alone")
+                raise TrainingError(f"{name}: all policies share {', '.join(TOGETHER)}; set {number} without a policy")
             given.setdefault(policy, {})[number] = value
         return {name: own.get(name, self).changed(given[""] | changes) for name, changes in given.items()}
 
     def changed(self, settings: Mapping[str, Any]) -> "Hyperparameters":
-        """Return a copy with other settings. Raises TrainingError for unknown names and impossible values."""
+        """Return a copy with some settings changed. Raises TrainingError for unknown names and impossible values."""
         for name in settings:
             if name not in KINDS:
-                raise TrainingError(f"PPO has no number '{name}'; {meant(name, KINDS)}")
+                raise TrainingError(f"PPO has no hyperparameter '{name}'; {meant(name, KINDS)}")
         return replace(self, **settings)
 
 
@@ -110,7 +110,7 @@ RANGES: dict[str, Range] = {each.name: each.metadata["range"] for each in fields
 
 
 def example(name: str) -> str:
-    """Describe in words what kind of value a hyperparameter has."""
+    """Describe the type of a hyperparameter's value in words."""
     if KINDS[name] is bool:
         return "true or false"
     return f"a {'whole ' * (KINDS[name] is int)}number like {getattr(Hyperparameters, name)}"
@@ -123,7 +123,7 @@ def parse_hyperparameters(texts: Iterable[str]) -> dict[str, Any]:
         name, _, value = text.partition("=")
         kind = name.rpartition(":")[2]
         if name in settings:
-            raise TrainingError(f"{text}: {name} is given twice; say one of them")
+            raise TrainingError(f"{text}: {name} is given twice; remove one of them")
         try:
             settings[name] = PARSERS[KINDS.get(kind, str)](value)
         except (ValueError, KeyError) as error:

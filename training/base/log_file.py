@@ -1,4 +1,4 @@
-"""log.csv of a run: a row (tag, agent-steps, value) for each number that was logged. Needs no PyTorch."""
+"""log.csv of a run: a row (tag, agent-steps, value) for each logged number. Does not need PyTorch."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from .files import read_text
 
 NAME = "log.csv"
 HEADER = ("tag", "step", "value")
-LAST = 2**53  # the highest step: up to here, a float64 holds every whole number
+LAST = 2**53  # the highest step: a float64 holds every integer up to here
 Points = dict[str, list[tuple[int, float]]]
 
 
@@ -28,7 +28,7 @@ def read_log(path: Path) -> Points:
             before = points.setdefault(tag, [])
             if before and step <= before[-1][0]:
                 wrong = f"{tag} at step {step} comes after that at step {before[-1][0]}"
-                raise TrainingError(f"{path}, line {number}: {wrong}: these are several runs in one file")
+                raise TrainingError(f"{path}, line {number}: {wrong}: the file holds several runs")
             before.append((step, value))
     return points
 
@@ -45,9 +45,9 @@ def _row(path: Path, number: int, line: str) -> tuple[str, int, float]:
 
 
 def _fields(line: str) -> tuple[str, str, str]:
-    """Return the tag, which may be in quotes, the step and the value of a row. Raises ValueError for any other row."""
+    """Return the tag (perhaps quoted), the step and the value of a row. Raises ValueError for another format."""
     tag, step, value = line.rsplit(",", 2)
-    if tag[:1] == tag[-1:] == '"':  # as the module csv writes a tag with a comma, such as of a path
+    if tag[:1] == tag[-1:] == '"':  # the module csv quotes a tag that has a comma, such as a path
         return tag[1:-1].replace('""', '"'), step, value
     if "," in tag:
         raise ValueError(line)
@@ -64,14 +64,14 @@ def last_step(path: Path) -> int:
 
 
 def truncate_log(path: Path, steps: int) -> None:
-    """Remove from a log all rows of steps beyond `steps`, and an incomplete last row.
+    """Remove all rows after `steps` agent-steps from a log, and an incomplete last row.
 
-    Raises TrainingError if it is not a log.
+    Raises TrainingError if the file is not a log.
     """
     if not path.exists():
         return
     lines = read_text(path).splitlines(keepends=True)
-    if lines and not ",".join(HEADER).startswith(lines[0].strip()):  # this line, too, may be incomplete
+    if lines and not ",".join(HEADER).startswith(lines[0].strip()):  # the heading may be incomplete, too
         raise TrainingError(f"{path} is not the log of a run: its first line is not {','.join(HEADER)}")
     whole = [(number, line) for number, line in enumerate(lines[1:], 2) if line.endswith("\n")]
     kept = [line for number, line in whole if _row(path, number, line)[1] <= steps]

@@ -19,7 +19,7 @@ from .observation_layout import OWN
 from .quantities import SUMMED
 
 Array = np.ndarray[Any, Any]
-Tallies = dict[str, tuple[float, float]]  # by tag: a sum, and the number of cases that it is over
+Tallies = dict[str, tuple[float, float]]  # by tag: a sum, and the number of its terms
 PAPER_NAMES = {"length": "steps", "return": "reward"}  # the paper's names of statistics, where they differ from ours
 
 
@@ -31,9 +31,9 @@ def check_statistics(env: SurvivalVectorEnv, *names: str) -> None:
 
 
 def means_of_sides(values: Array, sides: Array, count: int) -> tuple[Array, Array]:
-    """Return the means over the agents of each side, whom roles may pay differently.
+    """Return the means over the agents of each side. Agents of a side can have different rewards by role.
 
-    Returns the means, (worlds, sides), 0 for sides without agents; and which sides have agents, bool (worlds, sides).
+    Returns the means, (worlds, sides), 0 for sides without agents; and whether a side has agents, bool (worlds, sides).
 
     values: (worlds, agents). sides: The sides of the agents, int (worlds, agents); -1 for absent agents.
     """
@@ -50,17 +50,17 @@ class EpisodeMetrics:
         self.clear()
 
     def clear(self) -> None:
-        """Start again from zero."""
+        """Reset all sums to zero."""
         self.count = 0
         self.sums: dict[str, Array] = {}
-        # For statistics with an entry for each agent or side: how many episodes had that agent or side.
+        # For statistics with an entry for each agent or side: the number of episodes with that agent or side.
         self.counts: dict[str, Array] = {}
 
     def add(self, statistics: dict[str, Array], learns: Array) -> None:
-        """Add episodes that ended. Call before resets.
+        """Add episodes that ended. Must be called before resets.
 
-        statistics: info["statistics"], in which the rows of other worlds are zero. learns: Which agents are played by
-        learners, bool (worlds, agents): only their returns count.
+        statistics: info["statistics"], in which the rows of other worlds are zero. learns: Whether a learner plays an
+        agent, bool (worlds, agents): only learners' returns count.
         """
         worlds, ended = self.base_env.worlds, np.flatnonzero(statistics["length"])
         self.count += len(ended)
@@ -79,7 +79,7 @@ class EpisodeMetrics:
     def tallies(self) -> Tallies:
         """Add up the episodes since the last call. A team's return is the mean over those of its agents that learn.
 
-        The mean of a side is over the episodes that have it; where some lack sides, "rollout/kills" is that of all.
+        The mean of a side is over the episodes with that side; if some lack sides, "rollout/kills" counts all sides.
         """
         tags: Tallies = {"rollout/episodes": (float(self.count), 1.0)}
         for key, total in self.sums.items():
@@ -109,7 +109,7 @@ class BehaviourMetrics:
         self._differ = any(name in layout.varied or name in layout.per_agent for name in self._reach)
 
     def after_step(self) -> None:
-        """Count agents, dead or alive, heals in bags, and gifts. Call after every step, before worlds are reset."""
+        """Count agents (dead or alive), heals in bags, and gifts. Must be called after every step, before resets."""
         if self._differ:
             self._reaches.append(self._striking())
         self.there += int(present(self.base_env.worlds).sum())
@@ -117,7 +117,7 @@ class BehaviourMetrics:
             self._heals.append((self.bags(), self.gifts()))
 
     def bags(self) -> Array:
-        """Return how many heals each agent has, int (worlds, agents)."""
+        """Return the number of heals of each agent, int (worlds, agents)."""
         holder = self.base_env.worlds[Item].holder[:, self.heals]
         where, items = np.nonzero(_among(holder, self.agents))
         count = self.base_env.num_agents
@@ -134,14 +134,14 @@ class BehaviourMetrics:
         return given
 
     def tallies(self, own: dict[str, Array], actions: Array, living: Array, learns: Array) -> Tallies:
-        """Return tallies of the living agents of a rollout: what learners do, and the share of all agents that live.
+        """Return tallies of the living agents of a rollout: actions of learners, and the share of all agents that live.
 
-        own: Observations that belong to no entity, by key. living, learns: Who lived when it observed, and who was
-        played by learners, bool. All are (steps, worlds, agents, ...).
+        own: Observations that belong to no entity, by key. living, learns: Whether an agent lived when it observed, and
+        whether a learner played it, bool. All are (steps, worlds, agents, ...).
         """
         tags: Tallies = {"behaviour/alive": (float(living.sum()), self.there)}
         for each in (self._heals, self._reaches):
-            del each[: -len(living)]  # steps of rollouts whose tallies nobody asked for
+            del each[: -len(living)]  # steps of rollouts without tallies
         reaches = np.stack(self._reaches) if self._reaches else None
         for name, (values, where) in self.quantities(own, actions, living, reaches).items():
             where = where & learns
@@ -156,7 +156,7 @@ class BehaviourMetrics:
     def quantities(
         self, views: dict[str, Array], actions: Array, living: Array, reaches: Array | None = None
     ) -> dict[str, tuple[Array, Array]]:
-        """Return what agents do, by name: values (..., worlds, agents), and for which agents they count, bool.
+        """Return behaviour by name: values (..., worlds, agents), and whether each agent counts, bool.
 
         views: observations by key. actions: (..., worlds, agents, actions). reaches: what `_striking` returned in each
         step; None: what it returns now. attack_near and attack_far: whether an agent attacks with a living enemy in
@@ -175,19 +175,19 @@ class BehaviourMetrics:
         return found
 
     def _sides(self, views: dict[str, Array]) -> Array:
-        """Return the side that each agent observes itself to be on; without teams, every agent is a side."""
+        """Return the side that each agent observes itself to be on; without teams, every agent has its own side."""
         fields, count = self.base_env.fields[OWN], self.base_env.num_agents
         return views[OWN][..., columns_of(fields, "team")] if "team" in fields else np.arange(count)
 
     def _striking(self) -> Array:
-        """Return how far a struck agent's centre may be, (worlds, who strikes, who is struck); any axis may be 1."""
+        """Return the reach to the centre of a struck agent, (worlds, striker, struck); any axis may be 1."""
         reach, radius = (np.asarray(self.base_env.worlds.number(name)) for name in self._reach)
         reach = reach.reshape(*reach.shape, *[1] * (3 - reach.ndim))  # (worlds, agents that strike, 1)
         found: Array = reach + (radius[:, None] if radius.ndim == 2 else radius.reshape(-1, 1, 1))
         return found
 
     def _near(self, place: Array, sides: Array, living: Array, reaches: Array) -> Array:
-        """Return whether an agent that faces a living enemy could strike it: its centre is as near as `reaches`."""
+        """Return whether a living enemy that an agent faces is in reach: its centre is within `reaches`."""
         enemies = sides[..., :, None] != sides[..., None, :]
         apart = _length(place[..., :, None, :] - place[..., None, :, :])
         near: Array = ((apart <= reaches) & enemies & living[..., None, :]).any(-1)
@@ -195,7 +195,7 @@ class BehaviourMetrics:
 
 
 class AgentMetrics:
-    """Sums over the running episode of every world, for each agent; make it when the worlds have been reset.
+    """Sums over the running episode of every world, for each agent. Create it after a reset of the worlds.
 
     totals: float64 (worlds, agents) by name: deaths_TYPE; heals_given. rates: float64 (worlds, agents, 2) by name,
     those of BehaviourMetrics.quantities and heals_held: the sum over the ticks in which the quantity counts for the
@@ -211,7 +211,7 @@ class AgentMetrics:
         self.rates: dict[str, Array] = {}
 
     def before_step(self, actions: Array) -> None:
-        """Count what agents are about to do. Call before every step."""
+        """Count the actions of this step. Must be called before every step."""
         living = alive(self.base_env.worlds)
         found = self.behaviour.quantities(self.base_env.observe(), actions, living)
         if self.behaviour.heals is not None:
@@ -222,7 +222,7 @@ class AgentMetrics:
             rate[..., 1] += where
 
     def after_step(self) -> None:
-        """Count who died and who gave. Call after every step."""
+        """Count deaths and gifts. Must be called after every step."""
         deaths = self.base_env.worlds.entries(Death)
         deaths = deaths[_among(deaths["agent"], self.agents)]
         for k, name in enumerate(self.base_env.worlds.layout.labels["damage_type"] if len(deaths) else ()):
@@ -232,32 +232,32 @@ class AgentMetrics:
             self.totals["heals_given"] += self.behaviour.gifts()
 
     def reset(self, where: Array) -> None:
-        """Begin anew in the worlds `where`, bool (worlds,), which have been reset."""
+        """Reset the sums of the worlds `where`, bool (worlds,), which have been reset."""
         self.sides[where] = side(self.base_env.worlds, where)
         for sums in (*self.totals.values(), *self.rates.values()):
             sums[where] = 0
 
 
 def _among(rows: Array, span: slice) -> Array:
-    """Return whether each row is one of a span, bool."""
+    """Return whether each row lies in a span, bool."""
     inside: Array = (rows >= span.start) & (rows < span.stop)
     return inside
 
 
 def means(tallies: Iterable[Tallies]) -> dict[str, float]:
-    """Return the means over all tallies, by tag; tags without a single case are left out."""
+    """Return the means over all tallies, by tag; tags with no terms are left out."""
     sums: dict[str, Array] = {}
     for tally in tallies:
         for tag, pair in tally.items():
             sums[tag] = sums.get(tag, np.zeros(2)) + pair
     means = {tag: float(total / count) for tag, (total, count) in sums.items() if count}
-    if "rollout/episodes" in sums:  # a count, of all tallies together
+    if "rollout/episodes" in sums:  # a count: the sum over all tallies
         means["rollout/episodes"] = float(sums["rollout/episodes"][0])
     return means
 
 
 def _reach(scenario: Scenario) -> tuple[str, ...]:
-    """Return names of the two numbers whose sum is how far away a struck enemy's centre can be; () without melee."""
+    """Return names of the two numbers whose sum is the reach to a struck enemy's centre; () without melee."""
     if Melee not in scenario or Agents not in scenario:
         return ()
     return f"{scenario[Melee].name}_reach", f"{scenario[Agents].name}_radius"

@@ -9,21 +9,21 @@ from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.policies import GOLDEN, hashed, mix64
 
 Array = np.ndarray[Any, Any]
-STREAM = 2  # keeps them apart from other random numbers of the same seed
+STREAM = 2  # separates them from other random numbers of the same seed
 
 
 class ActionNoise:
     """Uniform numbers for every action of every agent: a function of (seed, step, world, agent, action).
 
-    So a world is played the same way in every batch, whatever else is in it, and a resumed run needs no saved state.
-    Each agent has a SplitMix64 generator of its own (Steele, Lea and Flood, OOPSLA 2014).
+    A world is therefore played the same way in every batch, and a resumed run needs no saved state. Each agent has its
+    own SplitMix64 generator (Steele, Lea and Flood, OOPSLA 2014).
     """
 
     def __init__(self, seed: int, worlds: Array, agents: int, actions: int) -> None:
         """Derive the key of each agent's numbers.
 
-        seed: Seed of the run. worlds: Numbers of the worlds, int (worlds,). agents: How many agents a world has.
-        actions: How many actions an agent has.
+        seed: Seed of the run. worlds: Numbers of the worlds, int (worlds,). agents: Number of agents of a world.
+        actions: Number of actions of an agent.
         """
         (key,) = np.random.SeedSequence([seed, STREAM]).generate_state(1, np.uint64)
         world = mix64(key + worlds.astype(np.uint64))[:, None]
@@ -39,11 +39,11 @@ class ActionNoise:
 class EpisodeNoise:
     """Uniform numbers for every action of some agents: a function of (seed, world, episode, tick, agent, action).
 
-    So an episode that begins again, or continues from a saved state, is played the same way.
+    An episode that is repeated, or continued from a saved state, is therefore played the same way.
     """
 
     def __init__(self, env: SurvivalVectorEnv, agents: Any) -> None:
-        """Read the worlds of `env` at every call. agents: Indices of the agents, integers (agents,)."""
+        """Keep `env`, whose worlds are read at every call. agents: Indices of the agents, integers (agents,)."""
         self._clock, self._agents = env.worlds[Clock], np.asarray(agents, np.uint64)[None]
         self._actions = GOLDEN * np.arange(1, len(env.action_sizes) + 1, dtype=np.uint64)
 

@@ -13,13 +13,13 @@ from .errors import TrainingError
 
 Array = np.ndarray[Any, Any]
 MASK = "_mask"
-OWN = "own"  # what an agent observes of itself
+OWN = "own"  # key of an agent's observation of itself
 FieldTable = Mapping[str, Mapping[str, Sequence[float]]]  # size and scale by key and name, in order of columns
 
 
 @dataclass(frozen=True)
 class EntityKind:
-    """A kind of entity: its key, and how many rows and numbers per row it has in the observation of one agent."""
+    """A kind of entity: its key, its rows and its numbers per row in one agent's observation."""
 
     key: str
     rows: int
@@ -30,18 +30,18 @@ class ObservationLayout:
     """The packed row of one agent: its own numbers, the masks, the rows of all kinds of entities.
 
     Attributes:
-        alone: How many numbers that belong to no entity each key has, the agent itself first.
-        rows: How many entities there are, kind after kind.
-        features: Numbers of the widest kind; rows of narrower kinds are filled up with zeros.
+        alone: Numbers of each key that belongs to no entity, the agent itself first.
+        rows: Number of entities, kind after kind.
+        features: Numbers of the widest kind; rows of narrower kinds are padded with zeros.
         size: Length of the packed row: own + rows + rows * features.
         columns: Columns of an entity in Rows: the numbers of all kinds, and one more for each kind.
     """
 
     def __init__(self, shapes: Mapping[str, tuple[int, ...]], fields: "FieldTable | None" = None) -> None:
-        """Lay them out.
+        """Compute the layout.
 
-        shapes: Shapes of one agent's observations by key; a key with a companion key_mask is a kind. fields: What the
-        rows hold, where that matters.
+        shapes: Shapes of one agent's observations by key; a key with a companion key_mask is a kind. fields: Fields of
+        the rows, where they matter.
         """
         self.fields = fields or {}
         keys = sorted((key for key in shapes if not key.endswith(MASK)), key=lambda key: (key != OWN, key))
@@ -68,7 +68,7 @@ class ObservationLayout:
         return found
 
     def own_views(self, own: Array) -> dict[str, Array]:
-        """Return views of the numbers that belong to no entity, by key. own: (..., own), or with more behind."""
+        """Return views of the numbers that belong to no entity, by key. own: (..., own or more)."""
         parts = np.split(own, np.cumsum([*self.alone.values()]), -1)
         return dict(zip(self.alone, parts, strict=False))
 
@@ -93,7 +93,7 @@ def layout_of(env: Any) -> ObservationLayout:
 
 
 def field_table(fields: Fields) -> FieldTable:
-    """Return size and scale of the fields by key and name, as stored in checkpoints."""
+    """Return the size and scale of the fields by key and name, as stored in checkpoints."""
     return {
         key: {name: [field.size, float(field.scale)] for name, field in named.items()} for key, named in fields.items()
     }
@@ -111,8 +111,8 @@ def scales(layout: ObservationLayout, table: FieldTable) -> tuple[Array, Array]:
         fields = table[key].values()
         row = np.repeat([1 / scale for _, scale in fields], [int(size) for size, _ in fields])
         if len(row) != layout.shapes[key][-1]:
-            wrong = f"rows of {key} have {layout.shapes[key][-1]} numbers, and fields of {len(row)}"
-            raise TrainingError(f"run.json has observations that no scenario has: {wrong}")
+            wrong = f"rows of {key} have {layout.shapes[key][-1]} numbers, but its fields {len(row)}"
+            raise TrainingError(f"run.json has observations that do not fit each other: {wrong}")
         return np.tile(row, width // len(row))
 
     own = [factors(key, width) for key, width in layout.alone.items()]

@@ -1,8 +1,8 @@
-"""Policies as safetensors: weights in float16, and run.json without indentation. Needs numpy, and no PyTorch.
+"""Policies as safetensors: weights in float16, and run.json without indentation. Needs numpy, but not PyTorch.
 
-Beside the tensors of a file is one text, the only entry of the metadata, as the order of several is random: so equal
-content gives equal bytes. A file holds the policies of one checkpoint, whose tensors are called "0.actor.first.weight":
-number of the policy, name of the weight. Checkpoints hold such a file, too, in float32 and without run.json.
+The metadata of a file has a single entry, since the order of several is random: equal content gives equal bytes. A
+file holds the policies of one checkpoint, with tensors called "0.actor.first.weight": number of the policy, name of
+the weight. Checkpoints hold such a file, too, in float32 and without run.json.
 """
 
 import json
@@ -17,10 +17,10 @@ from .files import read_bytes, write_files
 from .run_header import NEEDED, WEIGHTS, Header, parse_header, read_checkpoint
 
 SUFFIX = ".safetensors"
-LARGEST = 2**26  # bytes of a file
-ENTRY = "outlast"  # of the metadata: the text
+LARGEST = 2**26  # maximum bytes of a file
+ENTRY = "outlast"  # the only key of the metadata
 DTYPES = "float16", "float32", "float64", "int64", "int32", "uint8"  # of tensors
-CRITIC = ("critic.", "overview.", "extractors.1.")  # the beginnings of weights that only values need
+CRITIC = ("critic.", "overview.", "extractors.1.")  # prefixes of weights that only the value function needs
 Array = np.ndarray[Any, Any]
 Weights = Mapping[str, Array]
 
@@ -29,7 +29,7 @@ def content(header: Header, policies: Sequence[Weights], exact: str | None = Non
     """Return the content of a file of policies; equal policies give equal bytes.
 
     header: The content of run.json. policies: Weights of each policy by name, float32; they are rounded to float16.
-    exact: Weights whose names begin with this stay float32, so all with ""; None: none.
+    exact: Prefix of weights that stay float32; "": all; None: none.
     """
     tensors = {
         name: value.astype(np.float32 if exact is not None and name.partition(".")[2].startswith(exact) else np.float16)
@@ -39,7 +39,7 @@ def content(header: Header, policies: Sequence[Weights], exact: str | None = Non
 
 
 def weights_content(policies: Sequence[Weights]) -> bytes:
-    """Return the content of the file of policies in a checkpoint: their weights as they are."""
+    """Return the content of the file of policies in a checkpoint: unrounded weights."""
     return tensors_content(_numbered(policies))
 
 
@@ -49,9 +49,9 @@ def write(path: Path, header: Header, policies: Sequence[Weights], exact: str | 
 
 
 def read(path: Path) -> tuple[Header, list[dict[str, Array]]]:
-    """Return run.json and the weights of each policy by name: as float32 of a file of weights.
+    """Return run.json and the weights of each policy by name, float32 if the file is a file of weights.
 
-    Raises TrainingError if the file cannot be read, or holds something else.
+    Raises TrainingError if the file cannot be read, or has other content.
     """
     if path.suffix != SUFFIX:
         header, files = read_checkpoint(path, (WEIGHTS,), NEEDED)
@@ -64,7 +64,7 @@ def read(path: Path) -> tuple[Header, list[dict[str, Array]]]:
 def parse_weights(data: bytes, name: object = WEIGHTS) -> list[dict[str, Array]]:
     """Return the weights of each policy in a checkpoint by name, unchecked.
 
-    name: What errors call it. Raises TrainingError if it is something else.
+    name: Name of the file in errors. Raises TrainingError if the data has other content.
     """
     try:
         return _by_policy(parse_tensors(data)[1], name)
@@ -75,7 +75,7 @@ def parse_weights(data: bytes, name: object = WEIGHTS) -> list[dict[str, Array]]
 def read_header(path: Path, needed: Collection[str]) -> Header:
     """Return run.json of a saved policy, which must have these keys: a file of weights or a checkpoint.
 
-    Raises TrainingError if the file cannot be read, or holds something else.
+    Raises TrainingError if the file cannot be read, or has other content.
     """
     if path.suffix == SUFFIX:
         return parse_header(path, _opened(path)[0].encode(), needed)
@@ -88,7 +88,7 @@ def _numbered(policies: Sequence[Weights]) -> dict[str, Array]:
 
 
 def _by_policy(tensors: Mapping[str, Array], name: object) -> list[dict[str, Array]]:
-    """Return the tensors of each policy. Raises TrainingError, which calls the file by the name."""
+    """Return the tensors of each policy. Raises TrainingError, which contains the name."""
     policies = dict[str, dict[str, Array]]()
     for key, values in sorted(tensors.items()):
         number, _, weight = key.partition(".")
@@ -100,7 +100,7 @@ def _by_policy(tensors: Mapping[str, Array], name: object) -> list[dict[str, Arr
 
 
 def _opened(path: Path) -> tuple[str, dict[str, Array]]:
-    """Return run.json as it is, and all tensors."""
+    """Return run.json, unparsed, and all tensors."""
     content = read_bytes(path, LARGEST)
     try:
         return parse_tensors(content)
@@ -117,9 +117,9 @@ def tensors_content(tensors: Mapping[str, Array], text: str = "") -> bytes:
 
 
 def parse_tensors(data: bytes) -> tuple[str, dict[str, Array]]:
-    """Return the text and the tensors of a file's content, in order of their names. Memory is bounded by its length.
+    """Return the text and the tensors of a file, in order of their names. Memory is bounded by the length of `data`.
 
-    Raises ValueError if it is something else.
+    Raises ValueError for other content.
     """
     _check_installed()
     from safetensors import SafetensorError

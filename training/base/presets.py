@@ -13,8 +13,8 @@ from outlast.envs.scenarios.scenario import Scenario
 from .errors import TrainingError
 from .hyperparameters import TOGETHER, Hyperparameters
 
-WORLDS, ROLLOUT = 64, 16384  # worlds that share a rollout; its environment steps, which in the paper one world plays
-DEAD = ("keep", "drop")  # what becomes of the samples of dead agents, see Lane
+WORLDS, ROLLOUT = 64, 16384  # worlds of a rollout, and its environment steps, which one world plays in the paper
+DEAD = ("keep", "drop")  # treatment of the samples of dead agents, see Lane
 
 
 PAPER_NUMBERS = Hyperparameters()
@@ -23,7 +23,7 @@ FAST = Hyperparameters(
     anneal_lr=True,
     batch_size=4096,
     n_epochs=2,
-    ent_coef=5e-3,  # without it some runs stop exploring before they have found what heals are for
+    ent_coef=5e-3,  # without it some runs stop exploring before they learn to use heals
     target_kl=0.0,
     scale_rewards=True,
 )
@@ -43,7 +43,7 @@ class Preset:
     Attributes:
         name: The name by which it is chosen, with those of sides that have others: "fast,seeker:paper".
         activation: "tanh" or "relu".
-        shared: Whether policy and value have one extractor, or one each.
+        shared: Whether policy and value share one extractor.
         leaky: Whether hidden entities are attended to, with their logits raised by 1, averages are over the number of
             all rows, and an entity of zeros is always visible, as in the authors' code. Otherwise hidden ones are left
             out of both.
@@ -55,7 +55,7 @@ class Preset:
         width: Width of every embedding.
         heads: Heads of the attention.
         hidden: Width of both layers behind the extractor.
-        numbers: The numbers of PPO, unless others are asked for.
+        numbers: Default numbers of PPO.
         agents: Agents of all worlds together, unless the number of worlds is given; 0: there are WORLDS worlds.
         steps: Steps of each world in a rollout; 0: all worlds share ROLLOUT steps.
         sides: If sides have different ones, their presets by side, and that of all others under "". They decide all but
@@ -88,24 +88,24 @@ class Preset:
         return self.numbers.by_policy(settings, {name: own.numbers for name, own in self.sides.items()})
 
     def scenario(self, scenario: Scenario) -> Scenario:
-        """Return the scenario with the observations of this preset. Without cameras, it stays as it is."""
+        """Return the scenario with the observations of this preset; unchanged if it has no cameras."""
         if "cameras" not in scenario:
             return scenario
         return scenario.replace(cameras_mode=self.cameras).titled_as(scenario)
 
     def difference(self, recorded: Any, scenario: Scenario) -> str:
-        """Return how a recorded scenario differs from what this preset makes of `scenario`; "": not at all.
+        """Return the difference between a recorded scenario and this preset's version of `scenario`; "": none.
 
-        recorded: The fingerprint of the recorded scenario. scenario: As it is asked for, without the observations that
+        recorded: The fingerprint of the recorded scenario. scenario: The requested one, without the observations that
         the preset or opponents need.
         """
         found = [difference(recorded, fingerprint(form)) for form in forms(self.scenario(scenario))]
         return found[0] if all(found) else ""
 
     def size(self, agents: int, worlds: int = 0, rollout: int = 0) -> tuple[int, int]:
-        """Return how many worlds of so many agents, and environment steps of all of them, a rollout has.
+        """Return the number of worlds with this many agents, and the environment steps of a rollout of all of them.
 
-        worlds, rollout: What is asked for; 0: as the preset has it. Raises TrainingError if the worlds cannot share the
+        worlds, rollout: Requested values; 0: those of the preset. Raises TrainingError if the worlds cannot share the
         steps evenly.
         """
         worlds = worlds or (max(1, self.agents // agents) if self.agents else WORLDS)

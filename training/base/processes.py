@@ -1,4 +1,4 @@
-"""Independent work in several processes of this machine, with results in order. Needs no PyTorch."""
+"""Independent work in several processes of this machine, with results in order. Does not need PyTorch."""
 
 import multiprocessing
 import os
@@ -13,15 +13,15 @@ from outlast.envs.storage.interrupts import children_awaited, ignored
 
 from .errors import TrainingError
 
-GUARD = 'each imports the program that starts it, so that has to start it under if __name__ == "__main__":'
+GUARD = 'each process imports the program that starts it, which must start it under if __name__ == "__main__":'
 
 T = TypeVar("T")
 
 
 def spawning() -> Any:
-    """Return the context of multiprocessing in which processes are started; a fork would share PyTorch's threads.
+    """Return the context of multiprocessing that spawns processes; a fork would share PyTorch's threads.
 
-    Raises TrainingError: the program that runs cannot be imported by other processes, as it is not in a file.
+    Raises TrainingError if the running program is not a file, so other processes cannot import it.
     """
     place = str(getattr(sys.modules["__main__"], "__file__", ""))
     if place.startswith("<"):
@@ -31,13 +31,13 @@ def spawning() -> Any:
 
 
 def results(jobs: Sequence[Callable[[], T]], at_once: int) -> Iterator[T]:
-    """Run jobs, and yield what they return, in their order.
+    """Run jobs, and yield their results in order.
 
-    Raises TrainingError: a process was ended from outside, or cannot import the program that starts it.
+    Raises TrainingError if a process was ended from outside, or cannot import the program that starts it.
 
-    jobs: Functions that can be pickled, such as partials of functions of a module. What one raises is raised here and
-    ends all others; so do Ctrl-C, and a caller that takes no more results. at_once: How many processes work; 1: this
-    process does.
+    jobs: Functions that can be pickled, such as partials of functions of a module. An exception in one of them is
+    raised here and ends all others, as do Ctrl-C and a caller that stops iterating. at_once: Number of processes; 1:
+    the jobs run in this process.
     """
     count = min(at_once, len(jobs))
     if count <= 1:
@@ -50,17 +50,17 @@ def results(jobs: Sequence[Callable[[], T]], at_once: int) -> Iterator[T]:
 def _in_processes(jobs: Sequence[Callable[[], T]], count: int) -> Iterator[T]:
     before = set(multiprocessing.active_children())
     context = spawning()
-    begun = context.RawValue("b", 0)  # without a lock, which a process that is killed could hold
+    begun = context.RawValue("b", 0)  # no lock: a killed process could still hold it
     pool = ProcessPoolExecutor(count, context, _begin, (begun,))
     try:
         with ignored("SIGINT", "SIGUSR1"):  # a terminal sends Ctrl-C to all processes, and this one handles it
             pending = [pool.submit(job) for job in jobs]
-            pool.submit(int)  # wakes the pool's thread, which else would not see the process end that was started last
+            pool.submit(int)  # wakes the pool's thread; otherwise it misses the end of the last process started
         for future in pending:
             yield future.result()
     except BaseException as error:
         for process in set(multiprocessing.active_children()) - before:
-            process.kill()  # else it would first finish its job; a broken pool misses those that have just been started
+            process.kill()  # otherwise it finishes its job first; a broken pool misses processes that have just started
         if not isinstance(error, BrokenProcessPool):
             raise
         if not begun.value:
@@ -71,7 +71,7 @@ def _in_processes(jobs: Sequence[Callable[[], T]], count: int) -> Iterator[T]:
 
 
 def _begin(begun: Any) -> None:
-    """Note that a process has begun, and end it, idle or not, when the one that started it ends in whatever way."""
+    """Record that a process has begun, and end it, idle or not, when its parent ends for any reason."""
     begun.value = 1
 
     def watch() -> None:

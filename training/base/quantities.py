@@ -18,7 +18,7 @@ SUMMED = ("kills",)  # over the sides of an episode, where one number is shown; 
 COLUMNS = {
     "wins": Meaning(
         "share",
-        "of the episodes that it wins, as one of its sides outlives all others, or as the game says who wins; a draw "
+        "of the episodes that it wins: one of its sides outlives all others, or the game names it the winner; a draw "
         "counts half",
     ),
     "wins_first": Meaning(
@@ -31,7 +31,7 @@ COLUMNS = {
     "life": Meaning("ticks", "that its longest-lived side has a living agent"),
     "return": Meaning(
         "reward",
-        "that one of its agents gets in an episode, on average over its agents. It does not say by itself who is "
+        "that one of its agents gets in an episode, on average over its agents. Alone it does not show which policy is "
         "better: a long game rewards both sides",
     ),
     "kills": Meaning("", "kills by its sides in an episode"),
@@ -50,21 +50,21 @@ COLUMNS = {
         "agents_radius",
     ),
     "attack_near": Meaning("share", "of those ticks in which the agent attacks"),
-    "attack_far": Meaning("share", "of the other ticks in which the agent attacks, with nobody to strike"),
+    "attack_far": Meaning("share", "of the other ticks in which the agent attacks, without an enemy to strike"),
 }
 
 
 def combinable(tags: Sequence[str]) -> Sequence[str]:
-    """Choose, from the tags that a log has of one statistic, those to combine into one number.
+    """Return the tags of one statistic in a log that are combined into one number.
 
     Where episodes differ in their sides, means of sides are over different episodes and cannot be added up. Then the
-    value of all sides together is logged, too, under the tag without a number; in that case only this one counts.
+    value of all sides is logged, too, under the tag without a number; in that case only this tag is returned.
     """
     return [tag for tag in tags if f"{tag}0" in tags] or tags
 
 
 def explained(width: int = 78) -> Iterator[str]:
-    """Return a line or more for each column, for help."""
+    """Yield one or more lines of help for each column."""
     indent = max(map(len, COLUMNS)) + 4
     for name, (unit, meaning) in COLUMNS.items():
         text = f"{unit} {meaning}".strip()

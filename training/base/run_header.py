@@ -1,4 +1,4 @@
-"""run.json, in the folder of a run and in its checkpoints: what is trained, and how. Checked here; needs no PyTorch."""
+"""run.json, in the folder of a run and in its checkpoints: settings of training, with checks. Needs no PyTorch."""
 
 import json
 import math
@@ -20,10 +20,10 @@ NAME = "run.json"
 WEIGHTS = "policy.safetensors"  # in a checkpoint: weights of its policies
 VERSION = 1
 NEEDED = "version", "steps", "preset", "scenario", "observations", "fields", "actions", "team", "memory", "state"
-MOST, FEW = 2**16, 256  # at most: numbers that an agent observes, or values of its actions; its actions
-LONGEST, LARGEST = 2**20, 2**30  # bytes of the file, and of a checkpoint
-ASKED = "asked"  # agent-steps that a run was last asked for; its plan leaves them out if the run may be made longer
-TEXTS = ("opponents", "warm_start", "anneal")  # of a plan, which may name many files
+MOST, FEW = 2**16, 256  # maximum numbers of an observation or values of an action; maximum actions
+LONGEST, LARGEST = 2**20, 2**30  # maximum bytes of the file, and of a checkpoint
+ASKED = "asked"  # agent-steps that were last requested; the plan omits them if the run may be extended
+TEXTS = ("opponents", "warm_start", "anneal")  # texts of a plan, which may name many files
 Header = dict[str, Any]
 
 
@@ -33,17 +33,17 @@ def read_checkpoint(path: Path, entries: Collection[str], needed: Collection[str
         with path.open("rb") as file:
             files = safe_npz.entries(file, {NAME, *entries}, LARGEST)
     except FileNotFoundError as error:
-        raise TrainingError(f"there is no checkpoint {path}") from error
+        raise TrainingError(f"checkpoint {path} does not exist") from error
     except safe_npz.BROKEN as error:
-        cure = "outlast's training saves them, and what another library has saved plays as a function of yours"
+        cure = "outlast's training saves them; wrap a policy of another library in a function"
         raise TrainingError(f"{path} is not a checkpoint: {str(error) or type(error).__name__}; {cure}") from error
     return parse_header(path, files[NAME], needed), files
 
 
 def read_run_folder(folder: Path) -> Header:
-    """Read the header of the run in a folder; it is there before any checkpoint is. Raises TrainingError."""
+    """Read the header of the run in a folder, which is written before the first checkpoint. Raises TrainingError."""
     if not (path := folder / NAME).exists():
-        raise TrainingError(f"{folder} has no {NAME}, which describes what is trained in it")
+        raise TrainingError(f"{folder} has no {NAME}, which describes the run")
     return parse_header(path, read_bytes(path, LONGEST), ("plan", "scenario"))
 
 
@@ -67,7 +67,7 @@ def parse_header(path: Path, content: bytes, needed: Collection[str]) -> Header:
 
 
 def is_plain(given: Any) -> bool:
-    """Return whether it is a number, a bool, None, or a text for one line of a plot, where $ would begin a formula."""
+    """Return whether it is a number, a bool, None, or a text of one line without $, which begins a formula in plots."""
     number = isinstance(given, (int, float)) and abs(given) < 1e300
     return given is None or number or (is_word(given) and "$" not in given)
 
@@ -98,7 +98,7 @@ def _are_observations(given: Any) -> bool:
 
 
 def _are_fields(given: Any) -> bool:
-    """Return whether these are [size, scale] by key and name."""
+    """Return whether it holds [size, scale] by key and name."""
     if not isinstance(given, dict) or not all(isinstance(fields, dict) and fields for fields in given.values()):
         return False
     entries = [entry for fields in given.values() for entry in fields.values()]
@@ -113,7 +113,7 @@ def _is_scale(given: Any) -> bool:
 
 
 def _sizes(most: int, least: int) -> Callable[[Any], bool]:
-    """Return whether something is a list of at most so many sizes, of at least `least`, and not empty."""
+    """Return a check for a list of 1 to `most` sizes, each at least `least`."""
     return lambda given: (
         isinstance(given, list) and 0 < len(given) <= most and all(_is_size(n) and n >= least for n in given)
     )

@@ -1,4 +1,4 @@
-"""The few numbers of a run to look at while it goes on, from the tags of its log. Needs no PyTorch."""
+"""The main figures of a running training, from the tags of its log. Does not need PyTorch."""
 
 import math
 import re
@@ -12,9 +12,9 @@ from .quantities import combinable
 
 @dataclass(frozen=True)
 class Figure:
-    """A number to look at.
+    """One of the main figures.
 
-    group: What it is about, one of GROUPS. name: Its name, unique in its group. text: The number as it is shown.
+    group: Its subject, one of GROUPS. name: Its name, unique in its group. text: The displayed number.
     """
 
     group: str
@@ -36,8 +36,8 @@ def _mean(values: Iterable[float]) -> float:
     return sum(each) / len(each)
 
 
-# Group, name, pattern of the tags (there may be one for each side or agent), how their values become one number, and
-# how that is written.
+# Group, name, pattern of the tags (there may be one for each side or agent), the function that combines their values,
+# and the format of the result.
 _FIGURES: tuple[tuple[str, str, str, Callable[[Iterable[float]], float], Callable[[float], str]], ...] = (
     ("speed", "collecting", r"time/collected_per_second", _mean, _rate),
     ("speed", "updating", r"time/updated_per_second", _mean, _rate),
@@ -50,17 +50,17 @@ _FIGURES: tuple[tuple[str, str, str, Callable[[Iterable[float]], float], Callabl
     ("learning", "entropy", r"train/entropy", _mean, _fixed(2)),
     ("learning", "learning rate", r"train/learning_rate", _mean, "{:.1e}".format),
 )
-GROUPS = ("speed", "episodes", "wins", "learning")  # in the order in which they are shown
+GROUPS = ("speed", "episodes", "wins", "learning")  # in the order of display
 WINS, GAMES, RATING = "wins/", "games/", "rating/"  # by opponent: share of recent games won; games in all; Elo
 OWN = "rating/self"
-APART = 4  # returns of so many sides are shown side by side where they differ
+APART = 4  # returns of at most this many sides are shown one by one if they differ
 
 
 def headline(tags: Mapping[str, float]) -> list[Figure]:
-    """Return the figures that have tags, in the order in which to show them, without those that are not finite.
+    """Return the figures that have tags, in the order in which to show them, without values that are not finite.
 
-    tags: What was logged last, by tag. Where tags are numbered ("rollout/kills0"), the kills of all sides are added up,
-    and returns are averaged; as text, those of a few sides stand side by side.
+    tags: The last logged values, by tag. Where tags are numbered ("rollout/kills0"), the kills of all sides are added
+    up, and returns are averaged; the text of a few sides lists them one by one.
     """
     finite = {tag: value for tag, value in tags.items() if math.isfinite(value)}
     found = []

@@ -30,7 +30,7 @@ class Estimate(NamedTuple):
     Attributes:
         value: The statistic of the scores themselves: a float, or float64 (thresholds,) for a performance profile.
         low: Lower end of the interval, of the same shape.
-        high: Upper end, likewise.
+        high: Upper end of the interval, of the same shape.
     """
 
     value: Any
@@ -66,7 +66,7 @@ def iqm(scores: Scores) -> Any:
     """
     tasks = _checked(scores)
     runs = [each.shape[-1] for each in tasks]
-    common = math.lcm(*runs)  # whole numbers as weights: sums are exact
+    common = math.lcm(*runs)  # integer weights keep sums exact
     weights = np.repeat([common // count for count in runs], runs)
     pooled = np.concatenate(tasks, -1)
     order = np.argsort(pooled, -1, kind="stable")
@@ -84,13 +84,13 @@ def probability_of_improvement(ours: Scores, theirs: Scores) -> Any:
 
     Args:
         ours: By task, (..., runs) each.
-        theirs: Scores in the same tasks, or TrainingError is raised; there may be other numbers of runs.
+        theirs: Scores in the same tasks, with any number of runs.
 
     Returns:
         float64 (...): from 0 to 1; 0.5: neither is better.
     """
     if unmatched := set(ours) ^ set(theirs):
-        raise TrainingError(f"only one of two has scores of {', '.join(sorted(map(str, unmatched)))}: compare the same")
+        raise TrainingError(f"only one side has scores of {', '.join(sorted(map(str, unmatched)))}: leave these out")
     pairs = zip(_checked(ours), _checked({task: theirs[task] for task in ours}), strict=True)
     each = ((mine[..., :, None], other[..., None, :]) for mine, other in pairs)
     return np.mean([((a > b).mean((-2, -1)) + (a >= b).mean((-2, -1))) / 2 for a, b in each], 0)
@@ -112,8 +112,8 @@ def stratified_bootstrap(statistic: Callable[..., Any], *scores: Scores, reps: i
     """Return a statistic with its 95 % interval: percentiles of its values for resampled runs.
 
     Within each task (a stratum), as many runs are drawn, with replacement, as the task has; several sets of scores are
-    resampled independently of each other. So the interval is about other training seeds in the same tasks, and says
-    nothing about other tasks. It is too narrow where runs are few: with two or three runs of one task, it goes from the
+    resampled independently of each other. So the interval covers other training seeds in the same tasks, but not other
+    tasks. It is too narrow where runs are few: with two or three runs of one task, it goes from the
     lowest score to the highest, which misses the median of all possible runs in 1/2 or 1/4 of cases.
 
     Args:
@@ -130,7 +130,7 @@ def stratified_bootstrap(statistic: Callable[..., Any], *scores: Scores, reps: i
         TrainingError: There are no scores, or not only numbers, or a task has a single run.
     """
     if reps < 1:
-        raise TrainingError(f"reps = {reps}: expected a number of resamplings from 1 on")
+        raise TrainingError(f"reps = {reps}: expected at least 1 resampling")
     generator = np.random.default_rng(seed)
     resampled = [_resampled(each, reps, generator) for each in scores]
     return Estimate(statistic(*scores), *percentile_interval(statistic(*resampled)))
@@ -174,7 +174,7 @@ def _checked(scores: Any) -> list[Array]:
         cure = "of an array (runs, tasks): dict(enumerate(array.T))"
         raise TrainingError(f"scores: expected those of all runs by task, not a {type(scores).__name__}; {cure}")
     if not scores:
-        raise TrainingError("there are no scores: expected those of all runs by task")
+        raise TrainingError("scores are empty: expected those of all runs by task")
     return [_numbers(f"{task}: scores", values) for task, values in scores.items()]
 
 

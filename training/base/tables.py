@@ -9,21 +9,21 @@ from typing import Any
 from .statistics import interval
 
 ENDS = "ends.csv"  # the file of end values, beside a figure
-NONE = "–"  # for what cannot be measured, such as the distance to mates in a game without them
+NONE = "–"  # for values that cannot be measured, such as the distance to mates in a game without them
 
 
 def number(value: float) -> str:
-    """Write a number with as many digits as mean something."""
+    """Format a number with its meaningful digits."""
     return f"{value:,.{decimals(value)}f}"
 
 
 def digits(value: float) -> str:
-    """Write a number with six significant digits, for a file; "" for NaN."""
+    """Format a number with six significant digits, for a file; "" for NaN."""
     return "" if math.isnan(value) else f"{value:.6g}"
 
 
 def spread(values: Sequence[float]) -> str:
-    """Return the 95 % bootstrap interval of a mean over runs, see statistics.interval; "" for a single run."""
+    """Format the 95 % bootstrap interval of a mean over runs, see statistics.interval; "" for a single run."""
     ends = interval(values)
     return "" if ends is None else f"{number(ends[0])} to {number(ends[1])}"
 
@@ -59,12 +59,12 @@ def pivot(rows: Sequence[Sequence[str]], down: int, across: int) -> tuple[list[s
 
 
 def decimals(value: float) -> int:
-    """Return how many digits a number has behind the point."""
+    """Return the number of digits after the decimal point."""
     return sum(abs(value) < bound for bound in (100, 10, 1))
 
 
 def markdown_table(heads: Sequence[str], lines: Iterable[list[str]]) -> str:
-    """Write a table in Markdown, with numbers to the right and without empty columns."""
+    """Write a table in Markdown, with numbers aligned right and without empty columns."""
     table = list(lines)
     kept = [k for k in range(len(heads)) if k == 0 or any(line[k] for line in table)]
     every = [list(heads), ["---", *["---:"] * (len(heads) - 1)], *table]
@@ -72,7 +72,7 @@ def markdown_table(heads: Sequence[str], lines: Iterable[list[str]]) -> str:
 
 
 def csv_text(heads: Iterable[Any], rows: Iterable[Iterable[Any]]) -> str:
-    """Write a table as CSV, with a line feed behind each row."""
+    """Write a table as CSV, with a line feed after each row."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows([heads, *rows])
     return text.getvalue()

@@ -23,8 +23,8 @@ FORMS = f"a preset ({', '.join(PRESETS)}), {SAVED_AS}, or FILE.py:FUNCTION"
 class Agent:
     """An agent, for all seeds and all tasks.
 
-    name: Its name in tables and paths. source: A preset; the folder of a run or a saved policy; or FILE.py:FUNCTION, a
-    function (env, seed) that returns a policy (observations) -> actions. {task} and {seed} in it are replaced by those
+    name: Name in tables and paths. source: A preset; the folder of a run or a saved policy; or FILE.py:FUNCTION, a
+    function (env, seed) that returns a policy (observations) -> actions. {task} and {seed} are replaced by the values
     of an entry. options: Options of its training that differ from the preset's: opponents, settings, memory.
     """
 
@@ -38,7 +38,7 @@ class Agent:
         name, _, source = text.partition("=")
         agent = cls(name, source or name, options)
         if AGENT.fullmatch(name) is None:
-            raise TrainingError(f"{name!r} is no name of an agent, of letters, digits and . _ - +: as in mine={FORMS}")
+            raise TrainingError(f"{name!r} must consist of letters, digits and . _ - +, as in mine={FORMS}")
         if options and agent.kind != PRESET:
             given = ", ".join(options)
             raise TrainingError(f"{given} has no effect on {text}, which is trained already: leave it out")
@@ -53,13 +53,13 @@ class Agent:
             return FUNCTION
         if is_saved(self.source) or "/" in self.source or Path(self.source).is_dir():
             return FILE
-        raise TrainingError(f"{self.source}: there is no such agent: {FORMS} is needed, as in mine=runs/ffa_2-fast-0")
+        raise TrainingError(f"{self.source}: unknown agent: it must be {FORMS}, as in mine=runs/ffa_2-fast-0")
 
     def check_seeds(self, seeds: Collection[int]) -> None:
-        """Refuse several seeds where there is one training only: all would score the same. Raises TrainingError."""
+        """Raise TrainingError for several seeds of one training: all would score the same."""
         if len(seeds) > 1 and self.kind == FILE and "{seed}" not in self.source:
             raise TrainingError(
-                f"{self.name}={self.source} is one training, whatever the seed: name one --seed, or put {{seed}} in it"
+                f"{self.name}={self.source} is one training for all seeds: name one --seed, or put {{seed}} in it"
             )
 
     def place(self, task: str, seed: int) -> str:
@@ -67,19 +67,19 @@ class Agent:
         return self.source.replace("{task}", task).replace("{seed}", str(seed))
 
     def made(self, task: str, seed: int) -> "Made":
-        """Return what a function makes for a task and a seed. Raises TrainingError, ScenarioError."""
+        """Return the policy that a function makes for a task and a seed. Raises TrainingError, ScenarioError."""
         return Made(self.name, self.place(task, seed), seed)
 
     def policy(self, task: str, seed: int) -> Path:
-        """Return the saved policy for a task and a seed; of a run, the newest one. Raises TrainingError, UsageError."""
+        """Return the saved policy for a task and a seed; the newest one of a run. Raises TrainingError, UsageError."""
         text = self.place(task, seed)
         if text not in models() and not Path(text).exists():
-            raise TrainingError(f"{self.name}, {task}, seed {seed}: there is no {text}; {FORMS} is needed")
+            raise TrainingError(f"{self.name}, {task}, seed {seed}: {text} does not exist; it must be {FORMS}")
         return located(text)
 
 
 class Made(Contender):
-    """A policy that a user's function (env, seed) makes, with the seed of the agent."""
+    """A policy that a user's function (env, seed) makes, from the seed of the agent."""
 
     def __init__(self, label: str, source: str, seed: int) -> None:
         """Import "FILE.py:FUNCTION". seed: The seed of the agent. Raises TrainingError, ScenarioError."""
@@ -87,5 +87,5 @@ class Made(Contender):
         self.file, self._seed = Path(source.rpartition(":")[0]), seed
 
     def act(self, env: SurvivalVectorEnv, seed: int, *, keyed: bool = False, slack: float = 0.0) -> Act:
-        """Make the policy for these worlds. It draws as it likes, so `keyed` and `slack` have no effect."""
+        """Make the policy for these worlds. It has its own random numbers: `keyed` and `slack` have no effect."""
         return super().act(env, self._seed)

@@ -22,7 +22,7 @@ AGES = (0.1, 0.3, 1.0)  # shares of a run's agent-steps after which checkpoints 
 
 
 def chosen(places: Sequence[Path]) -> list[Path]:
-    """Return the checkpoints in these places: files as they are, those of AGES in folders of runs.
+    """Return the checkpoints in these places: files themselves, and those of AGES in folders of runs.
 
     Raises TrainingError.
     """
@@ -45,13 +45,13 @@ def make(
     games: int,
     progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Path:
-    """Rate checkpoints and styles by a round robin, and write what the suite reads. If stopped, it can be continued.
+    """Rate checkpoints and styles by a round robin, and write the files of the suite. A stopped run can be continued.
 
-    Returns the path of TASK.safetensors. Raises TrainingError: a file is no checkpoint, or is named twice; their
-    presets differ; the folder cannot be written.
+    Returns the path of TASK.safetensors. Raises TrainingError: a file is not a checkpoint, or is named twice; presets
+    differ; the folder cannot be written.
 
-    task: The task that the anchors are for. folder: Where TASK.safetensors goes, and TASK-games.json and games/, which
-    need not be kept. progress: Called with how many matches are done, and how many there are.
+    task: The task of the anchors. folder: Folder for TASK.safetensors, and for TASK-games.json and games/, which need
+    not be kept. progress: Called with the number of matches done, and that of all matches.
     """
     sources = chosen(places)
     names = labels([str(source.resolve()) for source in sources])
@@ -74,10 +74,10 @@ def make(
 
 
 def _anchor(source: Path, file: Path) -> Anchor:
-    """Write a policy, as it is kept, to a file of its own, and return what it plays with. Raises TrainingError."""
+    """Write a policy to its own file, and return its header and weights. Raises TrainingError."""
     header, policies = weights_of(source, critic=False)
     if len(policies) != 1:
-        raise TrainingError(f"{source} holds {len(policies)} policies: an anchor is a single one")
+        raise TrainingError(f"{source} holds {len(policies)} policies: an anchor must be a single policy")
     policy_file.write(file, header, policies)
     header, (weights,) = policy_file.read(file)
     return header, weights
@@ -91,7 +91,7 @@ def _round_robin(
     games: int,
     progress: Callable[[int, int], None],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return games that each player won against each other, and draws: float64 (players, players) both."""
+    """Return the games that each player won against each other, and draws: float64 (players, players) both."""
     place, pairs = folder / f"{task.name}-games.json", [(i, j) for j in range(len(players)) for i in range(j)]
     known: Content = read_json(place, lambda content: "") if place.exists() else {}
     wins, draws = np.zeros((2, len(players), len(players)))

@@ -20,21 +20,21 @@ NAME = "cross.json"
 
 
 def contender(entry: Result) -> Contender:
-    """Return the policy of an entry. Raises TrainingError if its file is missing, or is not the one that was tested."""
+    """Return the policy of an entry. Raises TrainingError if its file is missing, or is not the tested one."""
     content, path = entry.content, entry.policy
     made = None
     if not path.exists() and content["source"].rpartition(":")[0].endswith(".py"):
         made = Agent(entry.name, content["source"]).made(content["task"], content["seed"])
         path = made.file
     if not path.exists():
-        raise TrainingError(f"{path} is not there, and {entry.name} has to play: put it back, or run the entry again")
+        raise TrainingError(f"{path} is missing, but {entry.name} needs it: put it back, or run the entry again")
     if content["policy"] is None or digest(path) != content["policy"]["digest"]:
-        raise TrainingError(f"{path} is not the policy that {entry.folder / result.NAME} is of")
+        raise TrainingError(f"{path} is not the policy in {entry.folder / result.NAME}")
     return made or Contender(entry.name, str(path))
 
 
 def load(folder: Path) -> dict[tuple[str, str], Content]:
-    """Read the matches that were played, by names of entries. folder: Of the task. Raises TrainingError."""
+    """Read the played matches, by names of entries. folder: Folder of the task. Raises TrainingError."""
     path = folder / NAME
     content = read_json(path, _wrong) if path.exists() else {"matches": []}
     return kept.cross_play(folder) | {(match["one"], match["other"]): match for match in content["matches"]}
@@ -56,8 +56,8 @@ def play_all(
 ) -> None:
     """Play the matches that are missing, or were played by other policies.
 
-    folder: The folder of the task, with its results of one budget. entries: All entries in it. progress: Called with
-    how many more games are done. at_once: How many processes play. Raises TrainingError: a policy is not there.
+    folder: Folder of the task, with its results of one budget. entries: All entries in it. progress: Called with the
+    number of further games done. at_once: Number of processes. Raises TrainingError: a policy is missing.
     """
     known, missing = load(folder), []
     for one, other in pairs(entries):
@@ -74,7 +74,7 @@ def play_all(
 
 
 def is_of(match: Content, one: Result, other: Result) -> bool:
-    """Return whether a match was played by these entries as they are now."""
+    """Return whether a match was played by the present policies of these entries."""
     digests = [entry.content["policy"]["digest"] for entry in (one, other)]
     return [match["own"], match["opponent"], match["games"]] == [*digests, one.content["games"]]
 
@@ -88,12 +88,12 @@ def _play(task: Task, one: Result, other: Result, folder: Path) -> Content:
 
 
 def _wrong(content: Content) -> str:
-    """Return what is wrong with the content of a file of cross-play; empty if nothing is."""
+    """Return the fault in the content of a file of cross-play; empty if it is valid."""
     if content["version"] != PROTOCOL:
-        return f"version {content['version']!r:.20}: {PROTOCOL} is needed"
+        return f"version {content['version']!r:.20}: must be {PROTOCOL}"
     for match in content["matches"]:
         if fault := wrong_with_match(match, ("one", "other")):
             return fault
         if not is_word(match["own"]) or DIGEST.fullmatch(match["own"]) is None:
-            return "digests that are none"
+            return "invalid digests"
     return match_twice(content["matches"], ("one", "other"))

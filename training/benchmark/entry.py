@@ -1,6 +1,6 @@
-"""An entry: an agent with a seed in a task, which is trained, plays itself and the suite, and gets a best response.
+"""An entry: an agent with a seed in a task. It is trained, plays itself and the suite, and gets a best response.
 
-All of it can be stopped at any moment and goes on from there: whatever is in the folder is whole.
+Every part can be stopped at any time and continued: files in the folder are always complete.
 """
 
 import json
@@ -34,14 +34,14 @@ from .tasks import Task, TaskGame, check_training_seed, response_steps
 
 RATES = {"fast": 80_000, "original": 5_000, "paper": 5_000, "scaled": 5_000}  # agent-steps a second on one core
 TRAINED = "trained"  # the folder of a run
-Progress = Callable[[int, str], None]  # work that is done, in agent-steps of training; and what is being done
+Progress = Callable[[int, str], None]  # work done, in agent-steps of training; and a description of the current work
 
 
 @dataclass(frozen=True)
 class Entry:
     """The work for an agent with a seed in a task.
 
-    threads: Threads of training; 0: as `outlast.train` has it.
+    threads: Threads of training; 0: the default of `outlast.train`.
     """
 
     task: Task
@@ -87,24 +87,24 @@ class Entry:
 
     @property
     def work(self) -> int:
-        """All the work, in agent-steps: those of training, and for each match as many as take equally long."""
+        """All the work, in agent-steps: of training, and for each match as many as take the same time."""
         trained = Workload.of(self.config()).total if self.agent.kind == PRESET else 0
         response = response_steps(self.budget) if self.responds else 0
         return trained + response + (len(self.wanted) + self.responds) * self.match_work
 
     @property
     def match_work(self) -> int:
-        """The work of a match: the agent-steps of training that take about as long."""
+        """The work of a match: the agent-steps of training that take about the same time."""
         return 1000 * self.games * int(self.task.scenario.numbers()["agents_count"])
 
     def done(self) -> int:
-        """Return how much of `work` is done, judging by the files in the folder."""
+        """Return the part of `work` that is done, judging by the files in the folder."""
         logs = sum(log_file.last_step(self.folder / name / log_file.NAME) for name in (TRAINED, BEST))
         return logs + len(list(self.folder.glob("*.rec"))) * self.match_work
 
 
 def estimate(entries: Iterable[Entry]) -> float:
-    """Estimate how many seconds of one core entries take in total, on a machine like that of docs/performance.md."""
+    """Return the estimated seconds of one core for all entries, on a machine like that of docs/performance.md."""
     seconds = 0.0
     for entry in entries:
         trained = entry.budget / RATES[entry.agent.source] if entry.agent.kind == PRESET else 0.0
@@ -117,12 +117,12 @@ class EntryRun:
     """Training of an entry's agent, and its matches."""
 
     def __init__(self, entry: Entry, progress: Progress = lambda done, text: None) -> None:
-        """Begin, or go on with what is in the folder. Raises TrainingError if that is another entry's."""
+        """Begin, or continue the work in the folder. Raises TrainingError if the folder holds another entry."""
         self.entry, self.progress, self.result = entry, progress, self._there(entry)
 
     @staticmethod
     def _there(entry: Entry) -> Result:
-        """Return what is in the folder, or a result in which nothing has been done, if there is none."""
+        """Return the result in the folder, or an empty one if it has none."""
         agent = {"agent": entry.agent.name, "source": entry.agent.source, "options": entry.agent.options}
         begun = result.begun(entry.task, **agent, seed=entry.seed, budget=entry.budget, games=entry.games)
         fresh = json.loads(json.dumps(begun))
@@ -130,19 +130,19 @@ class EntryRun:
         found = result.read(there) if there.exists() else Result(entry.folder, fresh)
         for key in ("task", "agent", "source", "options", "seed", "budget", "games", "fingerprints"):
             if (kept := found.content[key]) != (mine := fresh[key]):
-                wrong = f"{there} is of {key} {kept!r:.80}, not {mine!r:.80}"
+                wrong = f"{there} has {key} {kept!r:.80}, not {mine!r:.80}"
                 raise TrainingError(f"{wrong}: choose another name for the agent, or another --out")
         return found
 
     def run(self) -> Result:
-        """Do everything that is not done yet. Ctrl-C saves, and is raised. Raises TrainingError."""
+        """Do all remaining work. Ctrl-C saves, and is raised. Raises TrainingError."""
         with self._alone():
-            self.result = self._there(self.entry)  # which another process may have gone on with
+            self.result = self._there(self.entry)  # another process may have continued it
             return self._run()
 
     @contextmanager
     def _alone(self) -> Iterator[None]:
-        """Keep other processes out of the folder, which is made."""
+        """Create the folder and lock it against other processes."""
         folder = self.entry.folder
         lock = FolderLock(folder, "plays this entry", (NAME, f"*{policy_file.SUFFIX}", "*.rec"))
         try:
@@ -167,10 +167,10 @@ class EntryRun:
         return self.result
 
     def _enter(self) -> None:
-        """Put the policy into the folder: train it, or copy an existing one, which must be the one that has played."""
+        """Put the policy into the folder: train it, or copy an existing one, which must be the one that played."""
         content, kept = self.result.content, self.entry.folder / POLICY
         played = self.result.matches or content["response"]
-        mended = not played and self.entry.agent.kind != PRESET  # it is copied anew, as it may have changed
+        mended = not played and self.entry.agent.kind != PRESET  # copied anew, since it may have changed
         if content["policy"] is None or mended:
             content["policy"] = self._policy()
             self.result.write()
@@ -178,12 +178,12 @@ class EntryRun:
         found = digest(kept) if kept.exists() else self._policy()["digest"]
         if found != content["policy"]["digest"]:
             raise TrainingError(
-                f"{self.entry.folder}: the policy is another one than that which has played {len(self.result.against)} "
+                f"{self.entry.folder}: the policy is not the one that played {len(self.result.against)} "
                 "matches there: give the agent another name, or choose another --out"
             )
 
     def _policy(self) -> Content:
-        """Put the policy into the folder, unless it is a function; returns what the result says about it."""
+        """Put the policy into the folder, unless it is a function; return its entry in the result."""
         entry = self.entry
         if entry.agent.kind == FUNCTION:
             made = entry.agent.made(entry.task.name, entry.seed)
@@ -193,14 +193,14 @@ class EntryRun:
         return self._keep(entry.agent.policy(entry.task.name, entry.seed), POLICY)
 
     def _keep(self, path: Path, name: str) -> Content:
-        """Copy a policy, with weights in half precision as they play; returns what the result says about it."""
+        """Copy a policy, with weights in half precision; return its entry in the result."""
         kept = self.entry.folder / name
         saved = path.suffix == policy_file.SUFFIX
         write_files({kept: path.read_bytes() if saved else policy_file.content(*weights_of(path))})
         return described(kept, self.entry.task)
 
     def _train(self, config: TrainingConfig, name: str) -> Path:
-        """Begin a training or go on with it; returns the newest checkpoint."""
+        """Begin or continue a training; return the newest checkpoint."""
         folder = self.entry.folder / name
         with self._timed(name):
             run = TrainingRun(config, folder, resume=folder.exists())
@@ -214,7 +214,7 @@ class EntryRun:
         return Contender(entry.agent.name, str(entry.folder / POLICY))
 
     def _play(self, game: TaskGame, name: str, own: Contender, other: Contender | None = None, known: str = "") -> None:
-        """Play a match, and enter it. other, known: An opponent beside itself and the suite, and its digest."""
+        """Play a match, and enter it. other, known: An opponent outside the suite, and its digest."""
         if other is None and name != SELF:
             member = next(member for member in suite(self.entry.task) if member.name == name)
             other, known = member.contender(), member.digest
@@ -231,7 +231,7 @@ class EntryRun:
         self.result.write()
 
     def _respond(self, own: Contender) -> None:
-        """Train a best response to the policy, and let it play."""
+        """Train a best response to the policy, and play their match."""
         entry, content, game = self.entry, self.result.content, self.entry.task.games[0]
         if content["response"] is None:
             config = response_config(entry.task, entry.seed, entry.budget, entry.folder / POLICY, entry.threads)
@@ -244,7 +244,7 @@ class EntryRun:
 
     @contextmanager
     def _timed(self, name: str) -> Iterator[None]:
-        """Add the time that the body takes to the time so far: seconds of wall clock and of CPU."""
+        """Add the time of the body to the recorded time: seconds of wall clock and of CPU."""
         wall, cpu = time.perf_counter(), time.process_time()
         try:
             yield

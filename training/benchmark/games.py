@@ -1,9 +1,9 @@
-"""Matches that are played again, to verify them: from recordings, or from games in short, in a few kB each.
+"""Replay of matches to verify them: from recordings, or from short games of a few kB each.
 
-The policies are here, so `repeat` lets them play again. A file of games in short (.npz) holds what they cannot tell:
+The policies are available, so `repeat` lets them play again. A file of short games (.npz) holds the rest:
 
-- a digest of four bytes of every tick, by which the games are known to be those that were played;
-- the doubtful actions: those whose drawn number is within rounding of another choice, which another machine may take.
+- a digest of four bytes of every tick, to recognise the games that were played;
+- the doubtful actions: those whose random number is so close to another choice that another machine may take it.
 """
 
 import contextlib
@@ -36,19 +36,19 @@ from .kept import SHORT
 from .matches import Array, Asked
 from .tasks import TaskGame
 
-LARGEST = 2**24  # bytes of a file
-PLACE = 3  # numbers that say where an action is: tick, world, agent
+LARGEST = 2**24  # maximum bytes of a file
+PLACE = 3  # numbers that locate an action: tick, world, agent
 FORM = {"digests": ("<u4", 1), "doubtful": ("<u4", 2)}  # type and number of axes of the arrays in a file
-BYTES, FEW = 16, 4  # of the digest of a tick of a recording; of games in short
+BYTES, FEW = 16, 4  # bytes of the digest of a tick: of a recording; of short games
 Played = Callable[[int, AgentIndices, Any], Array]  # number of a tick record, agents, their policy's choice: actions
 
 
 @dataclass(frozen=True)
 class Games:
-    """A match in short.
+    """A match in short form.
 
-    digests: uint32 (ticks,), see `_digests`. doubtful: uint32 (n, 3 + actions): tick, world, agent, and the actions
-    that this agent took there.
+    digests: uint32 (ticks,), see `_digests`. doubtful: uint32 (n, 3 + actions): tick, world, agent, and the actions of
+    this agent.
     """
 
     digests: Array
@@ -62,9 +62,9 @@ class Games:
                 found = safe_npz.entries(file, {f"{name}.npy" for name in FORM}, LARGEST)
             arrays = {name: safe_npz.array(found[f"{name}.npy"]) for name in FORM}
         except safe_npz.BROKEN as error:
-            raise RecordingError(f"{path} holds no games: {error}") from error
+            raise RecordingError(f"{path} is not a file of games: {error}") from error
         if any((arrays[name].dtype.str, arrays[name].ndim) != form for name, form in FORM.items()):
-            raise RecordingError(f"{path} holds no games: its arrays have other types or shapes")
+            raise RecordingError(f"{path} is not a file of games: its arrays have other types or shapes")
         return cls(**arrays)
 
     def write(self, path: Path) -> None:
@@ -80,9 +80,9 @@ class Repeated:
 
     Attributes:
         outcome: As `matches.play` returned it, without the digest of the recording.
-        differing: How many actions are not what a saved policy chooses, but within rounding of it.
-        drawn: How many actions saved policies chose.
-        doubtful: Where the choices of saved policies may be rounded otherwise, see Games.
+        differing: Number of actions that differ from a saved policy's choice, but within rounding of it.
+        drawn: Number of actions that saved policies chose.
+        doubtful: Choices of saved policies that another machine may round otherwise, see Games.
     """
 
     outcome: dict[str, Any]
@@ -92,20 +92,20 @@ class Repeated:
 
 
 def shorten(game: TaskGame, pair: Sequence[Contender], games: int, path: Path) -> Games:
-    """Return what is kept of a recorded match, which is verified on the way; see `repeat`."""
+    """Return the short form of a recorded match, and verify the match; see `repeat`."""
     doubtful = repeat(game, pair, games, path).doubtful
     return Games(np.array(_digests(path, FEW), np.uint32), doubtful)
 
 
 def repeat(game: TaskGame, pair: Sequence[Contender | None], games: int, path: Path) -> Repeated:
-    """Play a match again in worlds that are made anew, and ask the policies what they would do.
+    """Play a match again in new worlds, and compare with the choices of the policies.
 
-    Of a recording, all actions are played; of games in short, what policies choose, and the kept actions where that may
-    be rounded otherwise.
+    From a recording, all actions are played; from short games, the choices of the policies, and the kept actions where
+    these may be rounded otherwise.
 
-    Raises RecordingError: the file holds no such match, a tick is not as it was, or a policy did not choose an action.
+    Raises RecordingError: the file holds another match, a tick differs, or a policy did not choose an action.
 
-    pair: Two policies, or one that met itself; None: one that is not known here, which only a recording allows.
+    pair: Two policies, or one that met itself; None: an unknown one, possible with a recording only.
     """
     known = [policy for policy in pair if policy is not None]
     short = Games.read(path) if path.suffix == SHORT else None
@@ -131,12 +131,12 @@ def repeat(game: TaskGame, pair: Sequence[Contender | None], games: int, path: P
 
 
 def _opened(path: Path, game: TaskGame, pair: Sequence[Contender | None], games: int) -> Recording:
-    """Open the recording of a match. Raises RecordingError if it is that of another game."""
+    """Open the recording of a match. Raises RecordingError if it is of another game."""
     recording = Recording.open(path)
     if recording.cut:
         raise RecordingError(recording.cut)
     if recording.num_worlds != games:
-        raise RecordingError(f"{path} is of {recording.num_worlds} worlds: {games} games were to be played")
+        raise RecordingError(f"{path} has {recording.num_worlds} worlds: {games} are required, one for each game")
     players = [policy.player for policy in pair if policy is not None and policy.player is not None]
     own = common_scenario(game.scenario, players)
     others = [difference(fingerprint(recording.scenario), fingerprint(each)) for each in [own, *forms(game.scenario)]]
@@ -146,13 +146,13 @@ def _opened(path: Path, game: TaskGame, pair: Sequence[Contender | None], games:
 
 
 class _Policies:
-    """Policies that play what was played, and those that are known are asked what they would choose; see Repeated."""
+    """Policies that repeat the played actions, compared with the choices of the known policies; see Repeated."""
 
     def __init__(self, asked: Sequence[Asked | None], played: Played, actions: int) -> None:
         self.asked, self.played, self.actions = asked, played, actions
         self.differing = self.drawn = 0
         self.doubtful = [np.zeros((0, PLACE + actions), np.int64)]
-        self.number: Callable[[], int] = lambda: 1  # which tick record the next step has
+        self.number: Callable[[], int] = lambda: 1  # the tick record of the next step
 
     def acts(self) -> list[Act]:
         """Return one function for each policy."""
@@ -171,7 +171,7 @@ class _Policies:
         actions, number = self.played(self.number(), indices, choice), self.number()
         for k in np.flatnonzero(((actions < first) | (actions > last)).any(1)):
             where = f"in world {indices[0][k]}, tick {number}, agent {indices[1][k]}"
-            raise RecordingError(f"{name} did not play it: {where} it chooses {choice[k]}, not {actions[k]}")
+            raise RecordingError(f"{name} did not play this match: {where} it chooses {choice[k]}, not {actions[k]}")
         self.differing += int((actions != choice).any(1).sum())
         self.drawn += len(actions) * (choices.shape[1] > 1)
         doubted = np.flatnonzero((first != last).any(1))
@@ -190,7 +190,7 @@ def _recorded(path: Path, ticks: Iterator[TickRecord], env: SurvivalVectorEnv) -
         while now[0] < number:
             at, tick = next(records, (number, None))
             if tick is None or (at == number and (tick.mode != STEP).any()):
-                raise RecordingError(f"{path}: tick {number} is no step of all worlds, as the match goes on then")
+                raise RecordingError(f"{path}: tick {number} must be a step of all worlds, since the match is not over")
             now = at, np.moveaxis(joint.decode(tick.codes) - lows, 0, -1) if at == number else now[1]
         actions: Array = now[1][indices]
         return actions
@@ -204,7 +204,7 @@ class _Doubtful:
     def __init__(self, path: Path, doubtful: Array, env: SurvivalVectorEnv) -> None:
         self.path, self.left, self._ticks = path, len(doubtful), dict[int, list[Array]]()
         if doubtful.shape[1] != PLACE + len(env.action_sizes):
-            raise RecordingError(f"{path} holds games with another number of actions")
+            raise RecordingError(f"{path} holds games with a different number of actions")
         for row in doubtful.astype(np.int64):
             self._ticks.setdefault(int(row[0]), []).append(row)
 
@@ -218,14 +218,14 @@ class _Doubtful:
     def end(self) -> None:
         """Check that every kept action was taken. Raises RecordingError."""
         if self.left:
-            raise RecordingError(f"{self.path}: {self.left} of its actions are of agents that do not act there")
+            raise RecordingError(f"{self.path}: {self.left} of its actions belong to agents that do not act")
 
 
 @contextlib.contextmanager
 def _compared(path: Path, there: Sequence[int], again: Path, env: SurvivalVectorEnv, size: int) -> Iterator[None]:
-    """Record what happens inside, and compare its ticks, those before an action that is wrong, too.
+    """Record the body, and compare its ticks, also those before an invalid action.
 
-    Raises RecordingError if a tick is not as it was. there: Digests. size: Bytes of each.
+    Raises RecordingError if a tick differs. there: Digests. size: Bytes of each.
     """
     try:
         with record(env, again):
@@ -241,13 +241,11 @@ def _compare(path: Path, there: Sequence[int], here: Sequence[int]) -> None:
     """Raise RecordingError at the first tick that differs."""
     for number, (one, other) in enumerate(zip_longest(there, here)):
         if one != other:
-            raise RecordingError(
-                f"{path}: tick {number} is the first that is not as it is when the match is played again"
-            )
+            raise RecordingError(f"{path}: tick {number} is the first that differs when the match is played again")
 
 
 def _digests(path: Path, size: int) -> list[int]:
-    """Return the digests of the ticks of a recording: so many bytes of BLAKE2b of all that a tick record says."""
+    """Return the digests of the ticks of a recording: `size` bytes of BLAKE2b of the tick record."""
     found, code = [], "<u4" if size == FEW else "<u8"
     with contextlib.closing(Recording.open(path).tick_records()) as ticks:
         for tick in ticks:

@@ -1,7 +1,7 @@
-"""Keeping results: everything that is small enough to publish, in a folder of which tables have the same bytes.
+"""Publication of results: the small parts, in a folder whose tables have the same bytes.
 
-It holds the numbers of all entries in one file, see `kept`; and of each agent's first seed in a task, if it is a saved
-policy, the policy and its games against itself, so that these can be verified.
+The numbers of all entries are in one file, see `kept`. If an agent's first seed in a task is a saved policy, the
+policy and its games against itself are kept, so that these can be verified.
 """
 
 from pathlib import Path
@@ -16,25 +16,25 @@ from .matches import digest
 from .result import SELF, Result
 from .tasks import task_of
 
-POLICIES = "policies"  # the folder of policies: in that of kept results, or beside it
+POLICIES = "policies"  # the folder of policies: in or beside the folder of kept results
 
 
 def keep(places: Path, folder: Path) -> list[Path]:
-    """Keep results; returns the paths of what is kept of them. Results of other tasks in the folder stay.
+    """Keep results and return the paths written. Results of other tasks in the folder stay.
 
-    Raises TrainingError: results are not complete, or the folder has some of one of these tasks that `places` lacks.
-    Raises RecordingError: a recording is not of the games that a policy plays.
+    Raises TrainingError: results are not complete, or the folder has results of one of these tasks that `places`
+    lacks. Raises RecordingError: a recording does not fit the games of a policy.
 
-    folder: Where they are kept. Policies that are in policies/ beside it are not copied.
+    folder: Destination. Policies that are in policies/ beside it are not copied.
     """
-    scores.scores(places)  # refuses what is not complete
+    scores.scores(places)  # raises for incomplete results
     own = kept.find(places)
     there = kept.find(folder) if (folder / kept.NAME).exists() else []
     names = {place_of(entry) for entry in own}
     tasks = {name[:2] for name in names}
     if gone := [name for name in map(place_of, there) if name[:2] in tasks and name not in names]:
         raise TrainingError(
-            f"{'/'.join(gone[0])} is in {folder} and not in {places}: keep these results in another folder"
+            f"{'/'.join(gone[0])} is in {folder} but not in {places}: keep these results in another folder"
         )
     known = {digest(path): path for path in sorted((folder.parent / POLICIES).rglob(f"*{policy_file.SUFFIX}"))}
     firsts = {place_of(entry)[:3]: entry for entry in sorted(own, key=lambda entry: -int(entry.content["seed"]))}
@@ -50,7 +50,7 @@ def keep(places: Path, folder: Path) -> list[Path]:
 
 
 def _kept(entry: Result, folder: Path, known: dict[str, Path], first: bool) -> KeptResult:
-    """Write what is kept of an entry beside its numbers, and return it as it is kept.
+    """Write the kept files of an entry, and return its kept result.
 
     known: Policies beside the folder by their digests. first: Whether its seed is the first one of its agent.
     """
@@ -72,7 +72,7 @@ def _kept(entry: Result, folder: Path, known: dict[str, Path], first: bool) -> K
 
 
 def _shorten(entry: Result, path: Path) -> None:
-    """Write the games of an entry against itself in short."""
+    """Write the games of an entry against itself in short form."""
     match = entry.against[kept.TRAINED, SELF]
     source = entry.recording(match)
     if source.suffix == kept.SHORT:

@@ -1,7 +1,7 @@
 """Kept results: entries.json.xz, which holds the numbers of many entries; tables made from it have the same bytes.
 
-Of matches it holds how many games were won, drawn and lost, and of each entry's games against itself all figures.
-Games and opponents are described once for each task. Needs no PyTorch.
+Each match has its numbers of games won, drawn and lost; an entry's games against itself have all figures. Games and
+opponents are described once for each task. Does not need PyTorch.
 """
 
 import json
@@ -20,13 +20,13 @@ NAME = "entries.json.xz"
 TRAINED = "trained"  # the game of training
 SAME = ("task", "agent", "seed", "budget", "games", "source", "options", "policy", "response", "seconds", "made")
 NUMBERS = ("won", "drawn", "lost")
-NOTHING = "0" * 64  # the digest of a recording that is not kept
+NOTHING = "0" * 64  # the digest of a recording that was not kept
 GAMES, SHORT = "games", ".npz"  # the folder and the ending of matches that can be verified, see `games`
 Cross = dict[str, list[list[Any]]]  # by "BUDGET/TASK": one, other, and the games that `one` won, drew and lost
 
 
 class KeptResult(Result):
-    """A result in the file of kept ones. Its folder need not be there: it says what the result is of."""
+    """A result in the file of kept ones. Its folder need not exist: its parts name the entry."""
 
     @property
     def place(self) -> Path:
@@ -40,7 +40,7 @@ class KeptResult(Result):
         return self.folder / POLICY if own is None else Path(os.path.normpath(self.place / own))
 
     def recording(self, match: Content) -> Path:
-        """Return the file of a match, which is kept of games against itself only, if at all; see `games`."""
+        """Return the file of a match; only games against itself can have one, see `games`."""
         if (match["game"], match["against"]) != (TRAINED, SELF):
             return super().recording(match)
         budget, task, agent, seed = place_of(self)
@@ -54,28 +54,28 @@ def place_of(entry: Result) -> tuple[str, str, str, str]:
 
 
 def find(place: Path) -> list[Result]:
-    """Return the results in a folder and all folders in it, in order of paths: those of runs, and kept ones.
+    """Return the results in a folder and all folders in it, in order of paths: written by runs, or kept.
 
-    place: The folder; of kept results also one that is only described, such as KEPT/BUDGET/TASK. Raises TrainingError:
-    there are none, or one cannot be read.
+    place: The folder; for kept results also a virtual one, such as KEPT/BUDGET/TASK. Raises TrainingError: none are
+    found, or one cannot be read.
     """
     files = [*place.rglob(NAME)] or above(place)
     found = {entry.folder.resolve(): entry for file in files for entry in _entries(file.parent)}
     found |= {path.parent.resolve(): read(path) for path in place.rglob(result.NAME)}
     within = [entry for folder, entry in sorted(found.items()) if folder.is_relative_to(place.resolve())]
     if not within:
-        names = f"neither {result.NAME} nor {NAME}"
-        raise TrainingError(f"there is {names} in {place}, nor in folders in it: make one by `outlast benchmark run`")
+        names = f"{result.NAME} or {NAME}"
+        raise TrainingError(f"{place} and its folders do not hold {names}: make one by `outlast benchmark run`")
     return within
 
 
 def above(place: Path) -> list[Path]:
-    """Return the file of kept results that a folder belongs to, if there is one."""
+    """Return the file of kept results that contains a folder, in a list; [] if none does."""
     return [each / NAME for each in place.resolve().parents if (each / NAME).is_file()][:1]
 
 
 def cross_play(folder: Path) -> dict[tuple[str, str], Content]:
-    """Return the kept matches between entries, as `crossplay.load` does. folder: Of the task. Raises TrainingError."""
+    """Return the kept matches between entries, see `crossplay.load`. folder: The task's. Raises TrainingError."""
     place = folder.parents[1]
     if not (place / NAME).is_file():
         return {}
@@ -94,7 +94,7 @@ def write(place: Path, entries: Iterable[Result], cross: Cross) -> None:
     for entry in entries:
         own = {"fingerprints": entry.content["fingerprints"], "opponents": _opponents(entry)}
         if tasks.setdefault(entry.content["task"], own) != own:
-            raise TrainingError(f"{entry.folder} has other games or opponents than further results of its task")
+            raise TrainingError(f"{entry.folder} has other games or opponents than other results of its task")
     in_order = sorted(entries, key=lambda entry: [entry.content[key] for key in ("budget", "task", "agent", "seed")])
     content = {"version": PROTOCOL, "tasks": tasks, "entries": [*map(_packed, in_order)], "cross": cross}
     text = json.dumps(content, separators=(",", ":"), allow_nan=False)
@@ -102,7 +102,7 @@ def write(place: Path, entries: Iterable[Result], cross: Cross) -> None:
 
 
 def _packed(entry: Result) -> Content:
-    """Return an entry without what all entries of its task have in common, and without most figures."""
+    """Return an entry without the parts that all entries of its task share, and without most figures."""
     own, matches = entry.against[TRAINED, SELF], dict[str, dict[str, list[int]]]()
     for match in entry.matches:
         matches.setdefault(match["game"], {})[match["against"]] = [match[key] for key in NUMBERS]
@@ -127,7 +127,7 @@ def _entries(place: Path) -> list[Result]:
 
 
 def _result(place: Path, packed: Content, of_task: Content) -> Result:
-    """Return the result that `_packed` was made of, without figures of other matches."""
+    """Return the result that was given to `_packed`, without figures of other matches."""
     folder = place / str(packed["budget"]) / packed["task"] / packed["agent"] / str(packed["seed"])
     best, own = (packed["response"] or {}).get("digest", ""), packed["self"]
     known, matches = of_task["opponents"] | {SELF: "", BEST: best}, list[Content]()
@@ -140,7 +140,7 @@ def _result(place: Path, packed: Content, of_task: Content) -> Result:
 
 
 def _outcome(numbers: Sequence[int]) -> Content:
-    """Return what a match says of its games that were won, drawn and lost."""
+    """Return the entries of a match for its games won, drawn and lost."""
     return dict(zip(NUMBERS, numbers, strict=True)) | {"games": sum(numbers)}
 
 
@@ -152,9 +152,9 @@ def _cross_match(one: str, other: str, numbers: Sequence[int], entries: Iterable
 
 
 def _wrong(content: Content) -> str:
-    """Return what is wrong with the content of the file; "": nothing. A missing part raises KeyError or the like."""
+    """Return the fault in the content of the file; "" if it is valid. Raises KeyError or similar for a missing part."""
     if content["version"] != PROTOCOL:
-        return f"version {content['version']!r:.20}: {PROTOCOL} is needed"
+        return f"version {content['version']!r:.20}: must be {PROTOCOL}"
     for entry in content["entries"]:
         if fault := wrong_with_result(_result(Path(), entry, content["tasks"][entry["task"]]).content):
             return f"{entry['task']} {entry['agent']}/{entry['seed']}: {fault}"

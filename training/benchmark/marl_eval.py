@@ -13,7 +13,7 @@ import numpy as np
 from ..base.errors import TrainingError
 
 COUNT = "step_count"
-Metrics = Mapping[str, float | Sequence[float]]  # by name: a value, or those of all evaluation episodes
+Metrics = Mapping[str, float | Sequence[float]]  # by name: a value, or a value for each evaluation episode
 
 
 @dataclass(frozen=True)
@@ -21,11 +21,11 @@ class RunMetrics:
     """Results of a run.
 
     Attributes:
-        task: The name of what was played.
-        algorithm: Its name, without commas, which marl-eval does not read.
-        seed: The seed of training.
-        steps: The metrics of each evaluation, by agent-steps of training.
-        absolute: The metrics of its best policy, evaluated anew: the absolute metric of the paper, section 4.
+        task: Name of the game.
+        algorithm: Name without commas, which marl-eval cannot read.
+        seed: Seed of training.
+        steps: Metrics of each evaluation, by agent-steps of training.
+        absolute: Metrics of its best policy, evaluated anew: the absolute metric of the paper, section 4.
     """
 
     task: str
@@ -38,10 +38,10 @@ class RunMetrics:
 def marl_eval_json(environment: str, runs: Iterable[RunMetrics]) -> str:
     """Return the results as JSON text, in order of task, algorithm and seed.
 
-    marl-eval needs complete tables, and ignores case in names. Anything that it would misread is refused.
+    marl-eval needs complete tables, and ignores case in names. Results that it would misread raise an error.
 
     Args:
-        environment: The name of the environment that the tasks belong to.
+        environment: Name of the environment of the tasks.
         runs: At least one run. Every algorithm must have the same seeds in every task; all runs must have equally many
             evaluations, with the same metrics.
 
@@ -70,7 +70,7 @@ def _entry(run: RunMetrics, where: str, metrics: Metrics, entry: dict[str, Any])
 
 def _check_complete(runs: Sequence[RunMetrics]) -> None:
     if not runs:
-        raise TrainingError("there are no runs to write for marl-eval")
+        raise TrainingError("runs for marl-eval are empty: at least one is required")
     given = [(run.task, run.algorithm, run.seed) for run in runs]
     tasks, algorithms, seeds = (sorted(set(names)) for names in zip(*given, strict=True))
     metrics = sorted(runs[0].absolute)
@@ -79,7 +79,7 @@ def _check_complete(runs: Sequence[RunMetrics]) -> None:
     for task, algorithm, seed in ((t, a, s) for t in tasks for a in algorithms for s in seeds):
         if (count := given.count((task, algorithm, seed))) != 1:
             which = f"seed {seed} of {algorithm} in {task}"
-            raise TrainingError(f"{which} is there {count} times: marl-eval takes the same seeds everywhere, once each")
+            raise TrainingError(f"{which} occurs {count} times: marl-eval requires the same seeds once each")
     for run in runs:
         if not run.steps or len(run.steps) != len(runs[0].steps):
             expected = f"as many as {_named(runs[0])}, {len(runs[0].steps)}, and at least one"
@@ -90,13 +90,13 @@ def _check_complete(runs: Sequence[RunMetrics]) -> None:
 
 
 def _check_names(names: Iterable[str]) -> None:
-    """Refuse names that marl-eval would not tell apart, or would misread."""
+    """Raise TrainingError for names that marl-eval would confuse or misread."""
     seen: dict[str, str] = {}
     for name in names:
         if "," in name or COUNT in name:
-            raise TrainingError(f"{name}: marl-eval reads no name with a comma or with {COUNT!r} in it")
+            raise TrainingError(f"{name}: marl-eval cannot read a name that contains a comma or {COUNT!r}")
         if (other := seen.setdefault(name.lower(), name)) != name:
-            raise TrainingError(f"{other} and {name} are one name to marl-eval, which reads no capital letters")
+            raise TrainingError(f"{other} and {name} are the same name for marl-eval, which ignores case")
 
 
 def _named(run: RunMetrics) -> str:

@@ -20,10 +20,10 @@ from ..base.errors import TrainingError
 from .tasks import TaskGame
 
 Array = np.ndarray[Any, Any]
-Asked = tuple[str, Act]  # a policy that is asked what it would choose, and its name in messages
+Asked = tuple[str, Act]  # the name of a policy in messages, and its function
 DIGITS = 6  # significant digits of figures
-# By how much cumulative probabilities may differ on another machine. Ten policies of this benchmark were computed in
-# float32 and in float64, and with inputs that differ by a unit in the last place: by 7.5e-7 at most, in 240,000 rows.
+# Possible difference of cumulative probabilities between machines. Ten policies of this benchmark were computed in
+# float32 and in float64, and with inputs that differ by a unit in the last place: at most 7.5e-7, in 240,000 rows.
 ROUNDING = 2**-18
 
 
@@ -40,11 +40,11 @@ def play(
     path: Path,
     progress: Callable[[int], None] = lambda ended: None,
 ) -> dict[str, Any]:
-    """Play a match and record it; returns the outcome, see `outcome`, with "recording", the digest of the file.
+    """Play a match and record it. Return the outcome, see `outcome`, with "recording", the digest of the file.
 
-    pair: Two policies, or one that meets itself. games: How many games, each in a world of its own: an even number, so
-    that both play each side equally often. path: The file of the recording, written whole or not at all.
-    progress: Called with how many more games have ended.
+    pair: Two policies, or one that meets itself. games: Number of games, each in its own world: must be even, so that
+    both play each side equally often. path: File of the recording, written completely or not at all.
+    progress: Called with the number of further games that have ended.
     """
     with worlds(game, pair, games) as env, atomic_write(path) as place:
         with record(env, place):
@@ -58,8 +58,8 @@ def outcome(found: MatchResults) -> dict[str, Any]:
     """Turn a match into numbers for JSON.
 
     Returns "games", "won", "drawn" and "lost" by the first policy; "figures": for each of the two its columns, see
-    base.quantities, as [mean, standard error], without those that could not be measured; the error of what was
-    measured in one game only is 0.
+    base.quantities, as [mean, standard error], without those that could not be measured; the error of a
+    figure that was measured in one game only is 0.
     """
     pairing = Pairing((0, 1), found)
     won, drawn, lost = pairing.won_drawn_lost()
@@ -78,12 +78,12 @@ def outcome(found: MatchResults) -> dict[str, Any]:
 def worlds(
     game: TaskGame, pair: Sequence[Contender], games: int, recording: Recording | None = None
 ) -> Iterator[SurvivalVectorEnv]:
-    """Yield the worlds of a match, which all policies can play in.
+    """Yield the worlds of a match, with observations that fit all policies.
 
-    recording: Of such worlds; it tells their cameras_mode.
+    recording: A recording of such worlds; gives their cameras_mode.
     """
     if games % ROLES:
-        raise TrainingError(f"games = {games}: an even number is needed, so that each policy plays each side as often")
+        raise TrainingError(f"games = {games}: must be even, so that each policy plays each side equally often")
     scenario = game.scenario if recording is None else recording.scenario
     evaluation = Evaluation(scenario, pair, episodes=games, worlds=games, seed=game.seed)
     try:
@@ -95,11 +95,11 @@ def worlds(
 
 
 def asked(game: TaskGame, role: int, policy: Contender, env: SurvivalVectorEnv) -> Asked:
-    """Return a policy that is asked what it would choose in a role, as `repeat` asks it."""
+    """Return the name of a policy and its function in a role, for `repeat`."""
     return policy.text, _act(game, role, policy, env, ROUNDING)
 
 
 def _act(game: TaskGame, role: int, policy: Contender, env: SurvivalVectorEnv, slack: float = 0.0) -> Act:
-    """Return the function that plays a policy in a role; its random numbers depend on the game and the role only."""
+    """Return the function that plays a policy in a role. Its random numbers depend on the game and the role only."""
     (seed,) = np.random.SeedSequence([game.seed, role]).generate_state(1, np.uint64) >> np.uint64(1)
     return policy.act(env, int(seed), keyed=True, slack=slack)

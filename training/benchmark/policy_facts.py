@@ -21,10 +21,10 @@ STEPS = "steps"
 def described(path: Path, task: Task) -> Content:
     """Describe a policy that plays a task.
 
-    Returns "digest": that of the file. "steps": agent-steps of its training. "of_task": whether all of its training was
-    in the task's game, without chosen levels or numbers that changed, and without weights or actions of a saved policy.
-    "met": the members of the suite that it was trained against, or that taught it. Raises TrainingError: it is no
-    policy, or was trained from a seed that evaluation uses.
+    Returns "digest": digest of the file. "steps": agent-steps of its training. "of_task": whether all of its training
+    was in the task's game, without chosen levels, numbers that changed, or weights or actions of a saved policy.
+    "met": the members of the suite that it was trained against, or that taught it. Raises TrainingError: the file is
+    not a policy, or was trained from a seed that evaluation uses.
     """
     header = policy_file.read_header(path, (STEPS, "scenario", "preset"))
     plan = header.get("plan", {})
@@ -40,29 +40,29 @@ def described(path: Path, task: Task) -> Content:
 def response_config(task: Task, seed: int, budget: int, policy: Path, threads: int = 0) -> TrainingConfig:
     """Return the config for training a best response.
 
-    Raises TrainingError: there can be no such training.
+    Raises TrainingError if such a training is impossible.
 
-    policy: The file of the policy that it should beat.
+    policy: File of the policy to beat.
     """
     opponents = {str(policy): 1.0}
     return TrainingConfig(task.scenario, FAST, response_steps(budget), seed, threads=threads, opponents=opponents)
 
 
 def wrong_with_response(path: Path, task: Task, seed: int, budget: int) -> str:
-    """Return how the training in a file differs from that of a best response to a policy; "" if it does not.
+    """Return the difference of a file's training from that of a best response to a policy; "" if there is none.
 
-    seed: The seed of the entry. budget: The budget of the entry. Raises TrainingError: it is no policy.
+    seed: Seed of the entry. budget: Budget of the entry. Raises TrainingError: the file is not a policy.
     """
     header = policy_file.read_header(path, ("plan", "preset", "scenario", STEPS))
     plan, wanted = header["plan"], response_config(task, seed, budget, Path(POLICY)).header()["plan"]
     if [Path(name).name for name in _opponents(plan)] != [POLICY]:
         return f"{path.name} was not trained against {POLICY}, but {plan.get('opponents') or OWN}"
-    wanted = {key: value for key, value in wanted.items() if key != "threads"}  # these depend on the machine
+    wanted = {key: value for key, value in wanted.items() if key != "threads"}  # they depend on the machine
     given = {key: plan.get(key, value) for key, value in wanted.items()}  # earlier files lack some
     given |= {"game": not preset(header["preset"]).difference(header["scenario"], task.scenario), "opponents": ""}
     for key, value in (wanted | {"game": True, "opponents": ""}).items():
         if given[key] != value:
-            return f"{path.name} was trained otherwise than best responses are: {key} is {given[key]}, not {value}"
+            return f"{path.name} was not trained as best responses are: {key} is {given[key]}, not {value}"
     if header[STEPS] < wanted[STEPS]:
         return f"{path.name} was trained for {header[STEPS]:,} agent-steps, not for {wanted[STEPS]:,}"
     return ""

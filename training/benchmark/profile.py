@@ -1,4 +1,4 @@
-"""The figure of performance profiles: which share of seeds and tasks scores more than a threshold. Needs matplotlib."""
+"""The figure of performance profiles: shares of seeds and tasks that score above a threshold. Needs matplotlib."""
 
 import hashlib
 import json

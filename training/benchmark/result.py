@@ -1,4 +1,4 @@
-"""result.json: what an agent with a seed did in a task. It is validated, as others may write it. Needs no PyTorch."""
+"""result.json: an agent with a seed in a task. It is validated, as it may come from others. Needs no PyTorch."""
 
 import json
 import math
@@ -23,7 +23,7 @@ from .tasks import PROTOCOL, Task
 NAME, POLICY, RESPONSE = "result.json", "policy.safetensors", "response.safetensors"
 SELF = "self"  # the opponent in matches against itself
 BEST = "response"  # the opponent in matches against the best response
-LONGEST = 2**24  # bytes of a JSON file
+LONGEST = 2**24  # maximum bytes of a JSON file
 AGENT = re.compile(r"\w[\w.+-]{0,60}")  # a part of the names of files
 DIGEST = re.compile(r"[0-9a-f]{64}")
 PACKAGES = ("outlast", "numpy", "numba", "Box2D", "torch")
@@ -47,7 +47,7 @@ class Result:
 
     @property
     def task_folder(self) -> Path:
-        """The folder of its task, whose other entries it is compared with; absolute, as `folder` may begin below it."""
+        """The folder of its task, with the other entries; absolute, as `folder` may be relative."""
         return self.folder.resolve().parents[1]
 
     @property
@@ -63,7 +63,7 @@ class Result:
 
     @property
     def policy(self) -> Path:
-        """The file of its policy; a function has none."""
+        """The file of its policy; it does not exist for a function."""
         return self.folder / POLICY
 
     def recording(self, match: Content) -> Path:
@@ -81,21 +81,21 @@ def recording_name(game: str, against: str) -> str:
 
 
 def begun(task: Task, **entry: Any) -> Content:
-    """Return a result in which nothing has been done yet. entry: Agent, source, options, seed, budget and games."""
+    """Return the result of an entry without any work. entry: Agent, source, options, seed, budget and games."""
     games = {game.name: fingerprint(game.scenario) for game in task.games}
     empty: Content = {"policy": None, "response": None, "matches": [], "seconds": {}}
     return {"version": PROTOCOL, "task": task.name, **entry, "fingerprints": games, **empty, "made": made()}
 
 
 def made() -> Content:
-    """Return what a result is made with: versions, and the machine."""
+    """Return the origin of a result: versions, and the machine."""
     versions = {name: _version(name) for name in PACKAGES}
     machine = f"{platform.system()} {platform.machine()}"
     return {"python": platform.python_version(), **versions, "machine": machine, "cores": available_cores()}
 
 
 def write_json(path: Path, content: Any) -> None:
-    """Write a JSON file, whole or not at all; equal content gives equal bytes. Raises TrainingError."""
+    """Write a JSON file, completely or not at all; equal content gives equal bytes. Raises TrainingError."""
     text = json.dumps(content, indent=1, sort_keys=True, allow_nan=False)
     short = re.sub(r"\[\n\s+([^][{}]{1,80}?)\n\s+\]", lambda found: f"[{' '.join(found[1].split())}]", text)  # [1, 2]
     write_files({path: (short + "\n").encode()})
@@ -104,8 +104,8 @@ def write_json(path: Path, content: Any) -> None:
 def read_json(path: Path, wrong: Callable[[Any], str]) -> Content:
     """Read the content of a JSON file.
 
-    path: The file; with the ending .xz, it is compressed. wrong: Says what is wrong with the content; empty if nothing
-    is. Raises TrainingError: it cannot be read, or is not what it should be.
+    path: The file; with the ending .xz, it is compressed. wrong: Returns the fault in the content; "" if valid. Raises
+    TrainingError: the file cannot be read, or its content is invalid.
     """
     try:
         content = json.loads((read_xz if path.suffix == ".xz" else read_bytes)(path, LONGEST))
@@ -115,7 +115,7 @@ def read_json(path: Path, wrong: Callable[[Any], str]) -> Content:
     except strict_json.BROKEN as error:
         fault = f"{type(error).__name__}: {error}"
     if fault:
-        raise TrainingError(f"{path} is no result of the benchmark: {fault:.200}")
+        raise TrainingError(f"{path} is not a result of the benchmark: {fault:.200}")
     return dict(content)
 
 
@@ -125,9 +125,9 @@ def read(path: Path) -> Result:
 
 
 def wrong_with_result(content: Content) -> str:
-    """Return what is wrong with the content of a result; "": nothing. A missing part raises KeyError or the like."""
+    """Return the fault in the content of a result; "" if it is valid. Raises KeyError or similar for a missing part."""
     if content["version"] != PROTOCOL:
-        return f"version {content['version']!r:.20}: {PROTOCOL} is needed"
+        return f"version {content['version']!r:.20}: must be {PROTOCOL}"
     valid: dict[str, Callable[[Any], bool]] = {
         "task": is_word,
         "agent": lambda given: isinstance(given, str) and AGENT.fullmatch(given) is not None,
@@ -154,34 +154,34 @@ def wrong_with_result(content: Content) -> str:
     if fault := next(faults, "") or match_twice(content["matches"], ("game", "against")):
         return fault
     other = [match["games"] for match in content["matches"] if match["games"] != content["games"]]
-    return f"a match of {other[0]} games: {content['games']} are needed" if other else ""
+    return f"a match of {other[0]} games: must be {content['games']}" if other else ""
 
 
 def match_twice(matches: Iterable[Content], names: tuple[str, str]) -> str:
-    """Name the first match that is there twice; empty if there is none. names: The keys that tell matches apart."""
+    """Return the first match that occurs twice; empty if none does. names: The keys that identify matches."""
     seen = set[tuple[str, str]]()
     for match in matches:
         if (key := (match[names[0]], match[names[1]])) in seen:
-            return f"the match of {key[0]} and {key[1]} is there twice"
+            return f"the match of {key[0]} and {key[1]} occurs twice"
         seen.add(key)
     return ""
 
 
 def wrong_with_match(match: Content, names: tuple[str, ...] = ("game", "against")) -> str:
-    """Return what is wrong with a match; empty if nothing is. names: The keys of its names."""
+    """Return the fault in a match; empty if it is valid. names: The keys of its names."""
     if not all(is_word(match[name]) for name in names):
-        return "names that cannot be"
+        return "invalid names"
     if not all(_is_count(match[name]) for name in ("games", "won", "drawn", "lost")):
-        return "numbers of games that cannot be"
+        return "invalid numbers of games"
     if match["won"] + match["drawn"] + match["lost"] != match["games"] or not match["games"]:
-        return "games that were won, drawn and lost are not all games"
+        return "games won, drawn and lost do not add up to all games"
     if DIGEST.fullmatch(match["recording"]) is None or DIGEST.fullmatch(match["opponent"] or "0" * 64) is None:
-        return "digests that are none"
+        return "invalid digests"
     pairs = [pair for figures in match["figures"] for pair in figures.values()]
     names_of_figures = [name for figures in match["figures"] for name in figures]
     whole = all(isinstance(pair, list) and len(pair) == 2 and are_finite(pair) for pair in pairs)
     if len(match["figures"]) != 2 or not all(map(is_word, names_of_figures)) or not whole:
-        return "figures that cannot be"
+        return "invalid figures"
     return ""
 
 
@@ -205,11 +205,11 @@ def are_finite(given: Iterable[Any]) -> bool:
 
 def _version(package: str) -> str:
     if package == "outlast":
-        import outlast  # imported here, as it imports this package
+        import outlast  # imported here, since it imports this package
 
         return outlast.__version__
     if package == "Box2D":
-        return box2d.VERSION  # it has two packages
+        return box2d.VERSION  # it is in two packages
     try:
         return version(package)
     except PackageNotFoundError:

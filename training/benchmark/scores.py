@@ -1,4 +1,4 @@
-"""Scores: everything that is said of agents in tables, from results alone; the same results give the same bytes.
+"""Scores: all values in the tables of agents, from results alone; the same results give the same bytes.
 
 The score of an entry is its mean win rate against the suite, where a draw counts half and every opponent counts the
 same; in tasks of generalisation, it is the win rate in the games outside of training. In every task it is from 0 to 1,
@@ -21,12 +21,12 @@ from .suite import missing, other_games, suite
 from .tasks import PROTOCOL, Task, task_of, track_of
 
 NAME = "scores.json"
-DIGITS = 6  # significant digits of what is computed
+DIGITS = 6  # significant digits of computed values
 THRESHOLDS = np.linspace(0, 1, 101)  # of the performance profile
 OWN_FIGURES = (
     *("length", "kills", "damage_dealt", "deaths_melee", "deaths_zone", "strikes", "strikes_landed", "heals_used"),
     *("heals_in_need", "heals_given", "boxes_placed", "boxes_between", "enemy_distance", "mate_distance"),
-)  # of self-play, without the return, which is nearly constant where one side's gain is the other's loss
+)  # of self-play; not the return, which is nearly constant in zero-sum games
 Scores = dict[str, Any]
 Values = list[float]  # one for each seed
 
@@ -71,7 +71,7 @@ def _budget(budget: int, entries: Sequence[Result]) -> Scores:
     found = sorted({entry.content["games"] for entry in entries})
     if len(found) > 1:
         raise TrainingError(
-            f"matches of {' and '.join(map(str, found))} games cannot be compared: score folders of one number of games"
+            f"matches of {' and '.join(map(str, found))} games cannot be compared: score them one by one"
         )
     (games,) = found
     return {
@@ -87,10 +87,10 @@ def _budget(budget: int, entries: Sequence[Result]) -> Scores:
 
 
 def _compared(played: Mapping[str, Iterable[str]]) -> tuple[list[str], list[str]]:
-    """Choose agents and tasks for scores over tasks, so that each of these agents has played each of these tasks.
+    """Return agents and tasks for scores over tasks, where each of these agents has played each of these tasks.
 
-    Of all such choices with several agents, the one with the most results is taken. If no two agents share a task,
-    there are no tasks.
+    Of all such choices with several agents, the one with the most results is taken. There are no tasks if no two
+    agents share one.
 
     played: The tasks of each agent.
     """
@@ -103,7 +103,7 @@ def _compared(played: Mapping[str, Iterable[str]]) -> tuple[list[str], list[str]
 
 
 def _improvement(one: Mapping[str, Values], other: Mapping[str, Values]) -> Scores | None:
-    """Return how probable it is that one agent scores more, in tasks that both have played; None without any."""
+    """Return the probability that one agent scores more in the tasks that both have played; None without such tasks."""
     both = [name for name in one if name in other]
     if not both:
         return None
@@ -126,13 +126,13 @@ def _agent(task: Task, entries: Sequence[Result]) -> Scores:
     members = {member.name: member for member in suite(task)}
     for entry in entries:
         if absent := missing(entry, task, members):
-            raise TrainingError(f"{entry.folder} is not complete: {absent[0][1]} is missing; run it again, to go on")
+            raise TrainingError(f"{entry.folder} is not complete: {absent[0][1]} is missing; run it again to continue")
         if other := other_games(entry.content, task):
             raise TrainingError(f"{entry.folder}: {other}")
         for match in entry.matches:
             name = match["against"]
             if name in members and match["opponent"] != members[name].digest:
-                raise TrainingError(f"{entry.folder}: it played another {name} than that of the suite")
+                raise TrainingError(f"{entry.folder}: its {name} is not the one of the suite")
     _check_trainings(entries)
     rates = {game.name: [_suite_rate(entry, game.name, members) for entry in entries] for game in task.games}
     outside = [name for name in rates if name != TRAINED]
@@ -158,7 +158,7 @@ def _agent(task: Task, entries: Sequence[Result]) -> Scores:
 
 
 def _check_trainings(entries: Sequence[Result]) -> None:
-    """Refuse seeds of an agent that have the same policy: an interval over them would say nothing about training."""
+    """Raise TrainingError for seeds with the same policy: their interval would not cover other trainings."""
     seeds: dict[str, int] = {}
     for entry in entries:
         policy, seed = entry.content["policy"], entry.content["seed"]
@@ -177,16 +177,16 @@ def _suite_rate(entry: Result, game: str, members: dict[str, Any]) -> float:
 
 
 def _is_of_track(entry: Result) -> bool:
-    """Return whether its policy says that it was trained in the game of the task, and no longer than the budget.
+    """Return whether a policy was trained in the game of the task, and no longer than the budget, by its own file.
 
-    Whole rollouts are collected, so it may be a little longer.
+    Only complete rollouts are collected, so it may be a little longer.
     """
     policy = entry.content["policy"]
     return bool(policy["of_task"] and policy["steps"] <= 1.01 * entry.content["budget"] + 2**16)
 
 
 def _ratings(entries: Sequence[Result], members: dict[str, Any]) -> Scores | None:
-    """Return ratings against the opponents whose ratings are fixed; None if this task has none.
+    """Return ratings against the opponents of fixed rating; None if the task has none.
 
     "errors" are over games, one for each seed; "low" and "high" are over seeds.
     """
@@ -209,7 +209,7 @@ def _exploitability(entries: Sequence[Result]) -> Scores | None:
 
 
 def _seconds(entries: Sequence[Result]) -> Scores:
-    """Return seconds that a seed took, means over seeds: CPU and wall clock, by what they were spent on."""
+    """Return the seconds of a seed by the kind of work, means over seeds: CPU and wall clock."""
     names = sorted({name for entry in entries for name in entry.content["seconds"]})
     return {name: _rounded(np.mean([entry.content["seconds"].get(name, 0) for entry in entries])) for name in names}
 
@@ -217,7 +217,7 @@ def _seconds(entries: Sequence[Result]) -> Scores:
 def _cross_play(folder: Path, entries: Sequence[Result]) -> Scores:
     """Win rates of the agent of each row against that of each column: means over all pairs of their seeds.
 
-    For an agent against itself, it is the mean over pairs of seeds of the lower seed's win rate. None: not played yet.
+    For an agent against itself, it is the mean over pairs of seeds of the lower seed's win rate. None: not yet played.
     """
     known, found, matches = crossplay.load(folder), dict[tuple[str, str], list[float]](), 0
     for one, other in crossplay.pairs(entries):
@@ -256,14 +256,14 @@ def _profile(own: Any) -> Scores:
 
 
 def _rounded(values: Any) -> Any:
-    """Round numbers, as lists where there are several: their last digits depend on how a machine adds up."""
+    """Round numbers, as lists where there are several: their last digits depend on a machine's order of summation."""
     if np.ndim(values):
         return [_rounded(value) for value in values]
     return float(f"{float(values):.{DIGITS}g}")
 
 
 def _check_place(entry: Result) -> None:
-    """Refuse a result in a folder of another name, as its place says what it is compared with. Raises TrainingError."""
+    """Raise TrainingError for a result in a folder of another name: the folder decides the comparisons."""
     content, parts = entry.content, entry.folder.resolve().parts
     wanted = (str(content["budget"]), content["task"], content["agent"], str(content["seed"]))
     if parts[-len(wanted) :] != wanted:
@@ -271,7 +271,7 @@ def _check_place(entry: Result) -> None:
 
 
 def lines(found: Scores) -> Iterator[str]:
-    """Yield the scores in short, as lines to print."""
+    """Yield a summary of the scores, as lines to print."""
     for budget, own in found["budgets"].items():
         yield f"{int(budget):,} agent-steps" + (f", track {own['track']}" if own["track"] else ", of no track")
         for task, of_task in own["tasks"].items():

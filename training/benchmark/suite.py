@@ -1,4 +1,4 @@
-"""The held-out suite: opponents that no agent is trained against, the same for everyone, with fixed ratings.
+"""The held-out suite: opponents that no agent is trained against, the same for all agents, with fixed ratings.
 
 These are scripted styles, and anchors: frozen policies. For each task, `outlast benchmark anchors` makes a file
 anchors/TASK.safetensors with all its anchors and the ratings of the whole suite in that task.
@@ -30,9 +30,9 @@ from .tasks import PROTOCOL, Task
 
 STYLES = ("random", "noop", "scripted", "camper", "hunter", "hoarder", "healer")
 FOLDER = RESULTS / "anchors"
-TABLE = Path(__file__).with_name("anchors.csv")  # checksums of its files
-RATED = "suite"  # the part of an anchors' file that is about the whole suite
-OWN = ("steps", "plan")  # parts of run.json that each anchor has for itself
+TABLE = Path(__file__).with_name("anchors.csv")  # checksums of the suite's files
+RATED = "suite"  # the part of an anchors' file about the suite
+OWN = ("steps", "plan")  # parts of run.json that differ between anchors
 Weights = dict[str, np.ndarray[Any, Any]]
 Anchor = tuple[run_header.Header, Weights]  # run.json and the weights
 
@@ -43,9 +43,9 @@ class SuiteOpponent:
 
     Attributes:
         name: A style, or the name of an anchor.
-        file: The file of the task's anchors; None for a style.
+        file: File of the task's anchors; None for a style.
         digest: See `digest_of`; empty for a style.
-        rating: Its fixed Elo rating in the task; None: it has none yet.
+        rating: Fixed Elo rating in the task; None: not rated yet.
     """
 
     name: str
@@ -84,19 +84,19 @@ def style(name: str) -> Contender:
 def suite(task: Task) -> list[SuiteOpponent]:
     """Return the suite of a task: styles, then anchors.
 
-    Raises TrainingError if its file is none, or was made in another game; UsageError if it cannot be fetched.
+    Raises TrainingError if its file is invalid, or was made in another game; UsageError if it cannot be fetched.
     """
     place = _place(task)
     if not place.exists():
         return [SuiteOpponent(name) for name in STYLES]
     rated, anchors = read_anchors(place)
     if other := difference(rated["fingerprint"], fingerprint(task.games[0].scenario)):
-        raise TrainingError(f"{place}: its ratings are of another game {other}")
+        raise TrainingError(f"{place}: its ratings belong to another game {other}")
     return [_member(entry, place, anchors.get(entry["name"])) for entry in rated["members"]]
 
 
 def _place(task: Task) -> Path:
-    """Return the file of a task's anchors; fetched where no results are. Raises UsageError."""
+    """Return the file of a task's anchors; fetched if results/ is missing. Raises UsageError."""
     place = FOLDER / f"{task.name}{policy_file.SUFFIX}"
     if FOLDER.parent.is_dir():
         return place
@@ -106,7 +106,7 @@ def _place(task: Task) -> Path:
 
 
 def _member(entry: Content, place: Path, anchor: Anchor | None) -> SuiteOpponent:
-    """Return a member of a suite. entry: What the file says of it. anchor: None for a style."""
+    """Return a member of a suite. entry: Its part of the file. anchor: None for a style."""
     name, rating = entry["name"], float(entry["elo"])
     return (
         SuiteOpponent(name, rating=rating) if anchor is None else SuiteOpponent(name, place, digest_of(*anchor), rating)
@@ -124,10 +124,10 @@ def digest_of(header: run_header.Header, weights: Weights) -> str:
 def write_anchors(path: Path, anchors: Sequence[Anchor], rated: Content) -> None:
     """Write the file of a task's anchors, completely or not at all.
 
-    Raises TrainingError: anchors differ in more than their weights and OWN, as those of two presets do.
+    Raises TrainingError: anchors differ in more than their weights and OWN, such as in their presets.
 
-    anchors: In the order in which `rated` has them. rated: What is said of the suite: "members" has "name", "elo" and
-    "error" of each, first of styles.
+    anchors: In the order of `rated`. rated: The description of the suite: "members" has "name", "elo" and "error" of
+    each, styles first.
     """
     common = [{key: value for key, value in header.items() if key not in OWN} for header, _ in anchors]
     shapes = [{name: values.shape for name, values in weights.items()} for _, weights in anchors]
@@ -142,7 +142,7 @@ def write_anchors(path: Path, anchors: Sequence[Anchor], rated: Content) -> None
 
 
 def read_anchors(path: Path) -> tuple[Content, dict[str, Anchor]]:
-    """Return what a file of anchors says of the suite, and the anchors by name. Raises TrainingError."""
+    """Return the description of the suite in a file of anchors, and the anchors by name. Raises TrainingError."""
     header, policies = policy_file.read(path)
     rated = header.pop(RATED, None)
     try:
@@ -161,31 +161,31 @@ def read_anchors(path: Path) -> tuple[Content, dict[str, Anchor]]:
 
 
 def missing(entry: Result, task: Task, members: Iterable[str]) -> list[tuple[str, str]]:
-    """Return the games and opponents that an entry has yet to play: itself, the suite, the best response.
+    """Return the games and opponents that an entry has not played: itself, the suite, the best response.
 
-    members: The names of the suite.
+    members: Names of the suite.
     """
     wanted = [(game.name, name) for game in task.games for name in (SELF, *members)]
-    if (entry.content["policy"] or {}).get("steps") is not None:  # of functions it is not known
+    if (entry.content["policy"] or {}).get("steps") is not None:  # unknown for functions
         wanted.append((task.games[0].name, BEST))
     return [each for each in wanted if each not in entry.against]
 
 
 def other_games(content: Content, task: Task) -> str:
-    """Name the game of a result that is not that of its task; empty if all are."""
+    """Describe a game of a result that differs from its task's; empty if none does."""
     for game in task.games:
         if other := difference(content["fingerprints"].get(game.name), fingerprint(game.scenario)):
-            return f"its game '{game.name}' is another one than that of {task.name} {other}"
+            return f"its game '{game.name}' differs from that of {task.name} {other}"
     return ""
 
 
 def _wrong(rated: Content) -> str:
-    """Return what is wrong with what a file of anchors says of the suite; empty if nothing is."""
+    """Return the fault in a file's description of the suite; empty if it is valid."""
     if rated["version"] != PROTOCOL or not is_fingerprint(rated["fingerprint"]):
-        return "its version or its game cannot be"
+        return "invalid version or game"
     for entry in rated["members"]:
         if not is_word(entry["name"]) or not are_finite((entry["elo"], entry["error"])):
-            return f"a member that cannot be: {entry!r:.80}"
+            return f"an invalid member: {entry!r:.80}"
         if OWN[0] in entry and not all(run_header.VALIDATORS[key](entry[key]) for key in OWN):
-            return f"an anchor that cannot be: {entry!r:.80}"
+            return f"an invalid anchor: {entry!r:.80}"
     return ""

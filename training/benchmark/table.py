@@ -23,7 +23,7 @@ COLUMNS = ("budget", "track", "task", "agent", "figure", "mean", "low", "high", 
 
 
 def write(places: Path, folder: Path) -> list[Path]:
-    """Write everything about the results in a folder; returns the paths. Raises TrainingError."""
+    """Write all tables of the results in a folder. Return the paths. Raises TrainingError."""
     found = scores.scores(places)
     contents = {
         folder / "table.md": markdown(found).encode(),
@@ -89,7 +89,7 @@ def _budget(budget: int, own: scores.Scores) -> Iterator[str]:
             yield f"{task}, wins of the row against the column, between seeds on the diagonal:"
             yield _cross(each["cross_play"])
     if any(not each["of_task"] for task in own["tasks"].values() for each in task["agents"].values()):
-        yield f"{OF_NO_TRACK} no policy file says that it was trained in the game of the task, within the budget."
+        yield f"{OF_NO_TRACK} not shown by a policy file to be trained in the game of the task, within the budget."
     if any(each["met"] for task in own["tasks"].values() for each in task["agents"].values()):
         yield f"{MET} it was trained against opponents of the suite, or by imitating them."
 
@@ -142,7 +142,7 @@ def _by_task(own: scores.Scores) -> Iterator[list[str]]:
 
 
 def _cell(figure: scores.Scores | None, digits: int) -> str:
-    """Return a mean with its interval; empty where there is none."""
+    """Return a mean with its interval; empty without a figure."""
     if figure is None:
         return ""
     ends = f" [{figure['low']:.{digits}f}, {figure['high']:.{digits}f}]" if "low" in figure else ""
@@ -165,8 +165,8 @@ def _cross(found: scores.Scores) -> str:
 
 
 def _more(found: scores.Scores) -> Iterator[tuple[str, bytes]]:
-    """Return performance profiles, and what marl-eval reads, for each budget in which agents have a task in common."""
-    from .profile import picture  # imported here, as it needs matplotlib
+    """Yield performance profiles and files for marl-eval, for each budget in which agents share a task."""
+    from .profile import picture  # imported here, since it needs matplotlib
 
     for budget, own in found["budgets"].items():
         if own["common"]:
@@ -174,12 +174,12 @@ def _more(found: scores.Scores) -> Iterator[tuple[str, bytes]]:
             if runs := list(_runs(int(budget), own)):
                 try:
                     yield f"marl_eval-{budget}.json", marl_eval_json("outlast", runs).encode()
-                except TrainingError as error:  # marl-eval takes fewer names than we do
+                except TrainingError as error:  # marl-eval allows fewer names
                     logger.warning("marl_eval-%s.json is left out: %s", budget, error)
 
 
 def _runs(budget: int, own: scores.Scores) -> Iterator[RunMetrics]:
-    """Return what marl-eval takes: the agents that are compared, with the tasks and the seeds that all of them have.
+    """Yield the runs for marl-eval: the compared agents, with the tasks and seeds that all of them have.
 
     They were evaluated once, at the end of training.
     """
@@ -188,7 +188,7 @@ def _runs(budget: int, own: scores.Scores) -> Iterator[RunMetrics]:
     for (task, agent), found in each.items():
         for k, seed in enumerate(found["seeds"]):
             if seed in seeds:
-                length = found["self_play"].get("length")  # there is none where a result has no figures
+                length = found["self_play"].get("length")  # missing if a result has no figures
                 figures = {"score": found["score"]["seeds"][k]} | (
                     {"length": length["seeds"][k]} if length is not None else {}
                 )

@@ -1,6 +1,6 @@
-"""The tasks: what agents are trained in, what they are tested in, and how much of both. Needs no PyTorch.
+"""The tasks: games of training and of tests, and budgets of both. Does not need PyTorch.
 
-A name never changes meaning: a task whose game has changed gets another version, and a test pins what each game is.
+A name never changes meaning: a task whose game has changed gets another version, and a test pins each game.
 """
 
 import functools
@@ -18,11 +18,11 @@ from outlast.systems import Behaviour, Lidar, Maze, Pillars, Rooms
 
 from ..base.errors import TrainingError
 
-PROTOCOL = 1  # the version of what results hold and how they are made
+PROTOCOL = 1  # version of the format of results and of the protocol
 BUDGETS = {"10M": 10_000_000, "100M": 100_000_000}  # agent-steps of training, by track
-RESPONSE = 5_000_000  # agent-steps in which a best response is trained
+RESPONSE = 5_000_000  # agent-steps of training of a best response
 GAMES = 320  # games of a match, each in a world of its own
-SEEDS = range(2**62, 2**62 + 64)  # seeds of the worlds in which agents are tested, one for each game of a task
+SEEDS = range(2**62, 2**62 + 64)  # seeds of the worlds of tests, one for each game of a match
 LIDAR = Lidar(rays=16, depth=10.0)
 
 
@@ -31,10 +31,10 @@ class TaskGame:
     """A game that agents are tested in.
 
     Attributes:
-        name: "trained" for the game of training, else what is different from it.
-        scenario: What is played: observations are of the same shape in all games of a task.
-        given: Numbers that worlds get in turn, by name: counts for which `scenario` has room, in place of drawn ones.
-        seed: Seed of the worlds, the same for every agent.
+        name: "trained" for the game of training; otherwise the difference from it.
+        scenario: The game: observations have the same shape in all games of a task.
+        given: Numbers of the worlds in turn, by name: counts within the capacity of `scenario`, instead of drawn ones.
+        seed: Seed of the worlds, the same for all agents.
     """
 
     name: str
@@ -43,7 +43,7 @@ class TaskGame:
     seed: int
 
     def numbers(self, worlds: int) -> dict[str, np.ndarray[Any, Any]]:
-        """Return the numbers that each world is given, integers (worlds,) by name."""
+        """Return the numbers given to each world, integers (worlds,) by name."""
         return {name: np.resize(values, worlds) for name, values in self.given}
 
 
@@ -51,8 +51,8 @@ class TaskGame:
 class Task:
     """A task.
 
-    name: Its name and version: "ffa_2-v1". games: What they are tested in: first the game of training and then, in
-    tasks of generalisation, those outside.
+    name: Name and version: "ffa_2-v1". games: Games of the tests: first the game of training and then, in tasks of
+    generalisation, games outside of training.
     """
 
     name: str
@@ -69,28 +69,28 @@ def task_of(name: str) -> Task:
     """Return the task of that name. Raises a TrainingError that lists all tasks."""
     if name not in tasks():
         hint = did_you_mean(name, tasks(), after=" ")
-        raise TrainingError(f"there is no task '{name}'; {hint}known: {', '.join(tasks())}")
+        raise TrainingError(f"unknown task '{name}'; {hint}known: {', '.join(tasks())}")
     return tasks()[name]
 
 
 def track_of(budget: int, games: int = GAMES) -> str:
-    """Return the track of a budget of agent-steps and matches of `games` games; empty if there is none."""
+    """Return the track of a budget of agent-steps and matches of `games` games; empty if it belongs to no track."""
     return next((name for name, steps in BUDGETS.items() if (budget, games) == (steps, GAMES)), "")
 
 
 def response_steps(budget: int) -> int:
-    """Return agent-steps in which a best response is trained: those of the protocol, or the budget if that is less."""
+    """Return the agent-steps of training of a best response: those of the protocol, or the budget if smaller."""
     return min(RESPONSE, budget)
 
 
 def check_training_seed(seed: int) -> None:
-    """Refuse the seeds of tests: worlds are keyed by (seed, world), so training with other seeds never meets them.
+    """Check that a seed is not one of the tests: worlds are keyed by (seed, world), so others never meet them.
 
     Raises TrainingError.
     """
     if seed >= SEEDS.start:
         raise TrainingError(
-            f"seed {seed}: seeds from 2**62 on are kept for the worlds of tests, which no training may have seen; "
+            f"seed {seed}: seeds from 2**62 on are reserved for the worlds of tests, which training must not use; "
             "take a smaller one"
         )
 
@@ -104,7 +104,7 @@ def _task(name: str, about: str, trained: Scenario, outside: dict[str, Any] | No
     games = []
     for seed, (name_of_game, entry) in zip(SEEDS, found.items(), strict=False):
         scenario, given = entry if isinstance(entry, tuple) else (entry, {})
-        described = scenario.with_(Behaviour()).titled_as(scenario)  # it measures, and changes nothing
+        described = scenario.with_(Behaviour()).titled_as(scenario)  # only measures
         games.append(TaskGame(name_of_game, described, tuple(given.items()), seed))
     return Task(f"{name}-v1", about, trained, tuple(games))
 
@@ -133,7 +133,7 @@ def _generalisation() -> Iterator[Task]:
         duel.vary(**trained),
         {name: duel.vary(**(trained | change)) for name, change in changes.items()},
     )
-    # Policies change sides from world to world, so each number of boxes comes twice: each side plays with both numbers.
+    # Policies change sides from world to world, so each number of boxes occurs twice: each side plays both.
     items, few = variant("ffa_3"), {"heals_count": (1, 2, 3), "boxes_count": (1, 1, 2, 2)}
     yield _task(
         "counts",

@@ -1,4 +1,4 @@
-"""Verification: every match is played again from its recording, bit for bit, and compared with what the result says."""
+"""Verification: every match is played again from its recording, bit for bit, and compared with the result."""
 
 import json
 import math
@@ -23,9 +23,9 @@ from .result import BEST, RESPONSE, SELF, Content, Result, read_json
 from .suite import SuiteOpponent, missing, other_games, suite
 from .tasks import Task, TaskGame, task_of
 
-NEAR = 1e-4  # relative: figures that differ by less are the same, as machines round sums differently
-# Of the actions of saved policies, the share that may differ where another machine rounds otherwise, beside a few. Of
-# the policies of matches.ROUNDING, 1.3e-6 at most would; one who looks for actions to alter finds 5e-5.
+NEAR = 1e-4  # relative: smaller differences are equal, since machines round sums differently
+# Share of a saved policy's actions that may differ where another machine rounds otherwise, beside a few. For the
+# policies of matches.ROUNDING it is at most 1.3e-6; a search for actions to alter finds 5e-5.
 SHARE, FEW = 5e-6, 3
 
 
@@ -35,10 +35,10 @@ class Verification:
 
     Attributes:
         what: "ffa_2-v1 fast/0, trained against scripted".
-        wrong: What is not as the result says; empty if nothing is.
-        missing: What could not be verified, as it is not here; empty if everything was.
-        differing: How many actions are within rounding of what saved policies choose.
-        drawn: How many actions saved policies chose.
+        wrong: Contradiction with the result; empty if it has none.
+        missing: Parts that could not be verified, since files are missing; empty if all were.
+        differing: Number of actions within rounding of the choices of saved policies.
+        drawn: Number of actions that saved policies chose.
     """
 
     what: str
@@ -55,7 +55,7 @@ class Verification:
         return f"{text}; {self.differing:,} of {self.drawn:,} actions differ by rounding{share}"
 
     def of(self, matches: Sequence["Verification"]) -> "Verification":
-        """Return the finding about what these matches belong to, in which more may differ than rounding explains."""
+        """Return the joint finding of these matches; more actions may differ in them than rounding explains."""
         differing, drawn = (sum(getattr(match, name) for match in matches) for name in ("differing", "drawn"))
         wrong, missing = (sum(bool(getattr(match, name)) for match in matches) for name in ("wrong", "missing"))
         rest = "more of its actions differ than rounding explains" if differing > FEW + SHARE * drawn else ""
@@ -72,10 +72,10 @@ Check = Callable[[], Verification]  # can be pickled
 
 
 def verify(place: Path, at_once: int = 1) -> Iterator[Verification]:
-    """Verify all results in a folder, and yield the findings: of matches and then of what they belong to.
+    """Verify all results in a folder, and yield the findings: of matches and then of their entries and tasks.
 
-    place: A folder of results, or one in it, such as that of an entry. at_once: How many processes play. Raises
-    TrainingError: there are no results, or what is there cannot be read.
+    place: A folder of results, or a folder in it, such as that of an entry. at_once: Number of processes. Raises
+    TrainingError: it has no results, or they cannot be read.
     """
     plans: list[list[Check]] = []
     for own in scores.by_budget(place).values():
@@ -120,13 +120,13 @@ def checks(entry: Result) -> list[Check]:
 
 
 def cross_checks(folder: Path, entries: Sequence[Result], chosen: Collection[str]) -> list[Check]:
-    """Return the checks of a task's cross-play, each with one finding: first all of it, then its matches.
+    """Return the checks of a task's cross-play, each with one finding: first the cross-play, then its matches.
 
     entries: All entries of the task. chosen: Names of entries, whose matches are checked.
     """
     try:
         task = task_of(folder.name)
-    except TrainingError:  # the checks of the entries say so
+    except TrainingError:  # the checks of the entries report it
         return []
     by_name = {entry.name: entry for entry in entries}
     pairs = [(one.name, other.name) for one, other in crossplay.pairs(entries)]
@@ -156,15 +156,15 @@ def _of_match(what: str, recording: Path, judge: Callable[..., Verification], *a
 
 
 def _missing_of_entry(entry: Result, task: Task, members: Iterable[str]) -> str:
-    """Return what an entry lacks, so that not all of it can be verified; empty if it lacks nothing."""
+    """Return the parts of an entry that are missing for its verification; empty if it is complete."""
     if not entry.policy.exists():
-        return f"{entry.policy.name} is not here, and is not asked what it would do"
+        return f"{entry.policy.name} is missing, so its choices were not compared"
     absent = missing(entry, task, members)
     return f"it has not played {absent[0][1]} in the game '{absent[0][0]}'" if absent else ""
 
 
 def _wrong_with_entry(entry: Result, task: Task) -> str:
-    """Return what is wrong with the games and the policies of an entry; empty if nothing is."""
+    """Return the fault in the games and the policies of an entry; empty if they are valid."""
     content = entry.content
     if other := other_games(content, task):
         return other
@@ -173,10 +173,10 @@ def _wrong_with_entry(entry: Result, task: Task) -> str:
         if not path.exists():
             continue
         if given is None or digest(path) != given["digest"]:
-            return f"{name} is another file than the one that was tested"
+            return f"{name} is not the file that was tested"
         for what, found in described(path, task).items():
             if given[what] != found:
-                return f"{what} of {name} is {given[what]} in the result, and {found} by the file"
+                return f"{what} of {name} is {given[what]} in the result, but {found} in the file"
         if key == "response" and (wrong := wrong_with_response(path, task, content["seed"], content["budget"])):
             return wrong
     return ""
@@ -194,29 +194,29 @@ def _of_entry(entry: Result, match: Content, task: Task, members: Mapping[str, S
     elif against in members:
         known, other = members[against].digest, members[against].contender()
     else:
-        return Verification("", f"there is no {against} in the suite of {task.name}")
+        return Verification("", f"the suite of {task.name} has no member {against}")
     if match["opponent"] != known:
-        return Verification("", f"it was played against another {against} than that of the suite, or of the entry")
+        return Verification("", f"its opponent {against} is not the one of the suite or of the entry")
     return _of_games(game, [own, other], match, entry.recording(match))
 
 
 def _of_cross(task: Task, match: Content, path: Path, one: Result, other: Result) -> Verification:
     if not crossplay.is_of(match, one, other):
-        return Verification("", "it was played by other policies than those of the entries")
+        return Verification("", "it was not played by the policies of the entries")
     pair = [_saved(entry.policy) for entry in (one, other)]
     return _of_games(task.games[0], pair, match, path)
 
 
 def _saved(path: Path) -> Contender | None:
-    """Return the policy in a file, whose digest has been compared; None if there is no file, as for a function."""
+    """Return the policy in a file, whose digest has been compared; None without a file, as for a function."""
     return Contender(path.stem, str(path)) if path.exists() else None
 
 
 def _of_games(game: TaskGame, pair: list[Contender | None], match: Content, path: Path) -> Verification:
     """Compare a match with its recording."""
     if digest(path) != match["recording"]:
-        return Verification("", "its recording is another file than the one that was made")
-    missing = "a policy that played it is not here, and is not asked what it would do" if None in pair else ""
+        return Verification("", "its recording is not the file that was made")
+    missing = "a policy that played it is missing, so its choices were not compared" if None in pair else ""
     if missing and path.suffix == SHORT:
         return Verification("", missing=missing)
     found = repeat(game, pair, match["games"], path)
@@ -224,19 +224,19 @@ def _of_games(game: TaskGame, pair: list[Contender | None], match: Content, path
 
 
 def _wrong_with_outcome(match: Content, outcome: Content) -> str:
-    """Name where the recording of a match contradicts the result; empty if it does not."""
+    """Return the contradiction between the recording of a match and the result; empty if there is none."""
     for key in ("games", "won", "drawn", "lost"):
         if outcome[key] != match[key]:
-            return f"{key} is {match[key]} in the result, and {outcome[key]} in the recording"
+            return f"{key} is {match[key]} in the result, but {outcome[key]} in the recording"
     for figures, recorded in zip(match["figures"], outcome["figures"], strict=True):
         for name in sorted(figures.keys() | recorded.keys()):
             one, two = figures.get(name, (math.nan,)), recorded.get(name, (math.nan,))
             if not _follows(one, two):
-                return f"{name} is {one[0]:g} in the result, and {two[0]:g} in the recording"
+                return f"{name} is {one[0]:g} in the result, but {two[0]:g} in the recording"
     return ""
 
 
 def _follows(given: Sequence[float], found: Sequence[float]) -> bool:
-    """Return whether a mean, and its error if there is one, are those of a recording."""
+    """Return whether a mean, and its error if there is one, agree with a recording."""
     each = zip(given, found, strict=False)
     return len(given) == len(found) and all(math.isclose(*pair, rel_tol=NEAR, abs_tol=1e-9) for pair in each)

@@ -1,4 +1,4 @@
-"""outlast benchmark: agents by one protocol; results that anybody can verify, scores and tables."""
+"""outlast benchmark: agents by one protocol; verifiable results, scores and tables."""
 
 import argparse
 import functools
@@ -22,9 +22,9 @@ from ..benchmark.tasks import BUDGETS, GAMES, task_of, tasks
 from ..runs.child_runs import MAIN, ChildRun, side_by_side
 from ..runs.live_view import LiveView
 
-OWN = ("agent", "seed", "jobs", "quiet")  # that each of several entries has for itself
+OWN = ("agent", "seed", "jobs", "quiet")  # options that differ between several entries
 RESULTS = Path("benchmark")
-AGAIN = "stopped: run the same command again to go on"
+AGAIN = "stopped: run the same command again to continue"
 
 
 def add(commands: Any) -> None:
@@ -46,7 +46,7 @@ def add(commands: Any) -> None:
     ]
     description = (
         "Compare agents by the protocol of docs/evaluating.md: tasks that never change, fixed budgets of training, and "
-        "games in worlds that no training has seen. All games are recorded, so that anybody can verify the results. "
+        "games in worlds that are not used in training. All games are recorded, so that the results can be verified. "
         "ACTION is one of: tasks, to list the tasks; run, to train agents and play their games; score, to play all "
         "agents against each other and compute scores; verify, to play all recorded games again; table, to write "
         "tables; situations, to try policies in small scenes with a known solution; anchors, to make the rated "
@@ -81,7 +81,7 @@ def add(commands: Any) -> None:
     text = "table: also keep what is small enough to publish in this folder: the numbers of all results, and of each "
     text += "agent's first seed the policy and its games against itself"
     command.add_argument("--keep", type=output(check_out), metavar="FOLDER", help=text)
-    text = "run: how many entries run at the same time; score, verify: how many matches (default: cores)"
+    text = "run: entries that run at the same time; score, verify: matches (default: cores)"
     command.add_argument("--jobs", type=positive, metavar="N", help=text)
     text = "run: threads of the training of each entry (default: cores, at most 4; of several entries 1)"
     command.add_argument("--threads", type=positive, metavar="N", help=text)
@@ -91,7 +91,7 @@ def add(commands: Any) -> None:
     command.add_argument("--quiet", action="store_true", help=text)
     command.arrange(
         {
-            "what is entered": ("--agent", "--seed", "--opponents", "--ppo", "--memory", "--policies"),
+            "entries": ("--agent", "--seed", "--opponents", "--ppo", "--memory", "--policies"),
             "the protocol": ("--budget", "--games"),
             "output": ("--out", "--keep", "--allow-missing", "--quiet"),
             "machine": ("--jobs", "--threads"),
@@ -101,7 +101,7 @@ def add(commands: Any) -> None:
 
 
 def run(command: Parser, options: argparse.Namespace) -> int:
-    """Do what the action says; the exit status."""
+    """Run the action. Return the exit status."""
     action, allowed = ACTIONS[options.action]
     given = [name for name, value in vars(options).items() if value != command.get_default(name)]
     if unused := [name for name in given if name not in ("action", "names", "run", *allowed)]:
@@ -116,7 +116,7 @@ def run(command: Parser, options: argparse.Namespace) -> int:
 def _games(text: str) -> int:
     number = count(text, 2)
     if number % 2:
-        raise argparse.ArgumentTypeError(f"{text}: an even number is needed, so that both play each side as often")
+        raise argparse.ArgumentTypeError(f"{text}: must be even, so that both play each side equally often")
     return number
 
 
@@ -160,7 +160,7 @@ def _run(options: argparse.Namespace, command: Parser) -> int:
 
 
 def _about(entries: list[Any], at_once: int) -> str:
-    """Return what is going to be done, and how long it takes."""
+    """Return a summary of the work and its expected time."""
     from ..benchmark.entry import estimate
 
     matches = sum(len(entry.wanted) + entry.responds for entry in entries)
@@ -194,7 +194,7 @@ def _run_one(entry: Any, options: argparse.Namespace) -> int:
 
 
 class ChildEntry(ChildRun):
-    """An entry in a process of its own."""
+    """An entry that runs in its own process."""
 
     def __init__(self, entry: Any, common: Sequence[str]) -> None:
         """Take the options that all entries have in common."""
@@ -206,16 +206,16 @@ class ChildEntry(ChildRun):
 
     @property
     def name(self) -> str:
-        """Return what it is called in messages."""
+        """Return its name in messages."""
         return str(self.entry.name)
 
     def steps(self) -> int:
-        """Return what is done, by what is in its folder."""
+        """Return the work done, judging by the files in its folder."""
         return int(self.entry.done())
 
 
 def _run_several(entries: list[Any], options: argparse.Namespace, command: Parser) -> int:
-    """Return the exit status: 0 if all went well, 130 if they were stopped."""
+    """Run the entries. Return the exit status: 0 for success, 130 if they were stopped."""
     at_once = min(_jobs(options), len(entries))
     common = command.words(options, leave_out=OWN) + (["--threads=1"] if options.threads is None else [])
     children, total = [ChildEntry(entry, common) for entry in entries], sum(entry.work for entry in entries)
@@ -228,17 +228,17 @@ def _run_several(entries: list[Any], options: argparse.Namespace, command: Parse
 
 
 def _jobs(options: argparse.Namespace) -> int:
-    """Return how many entries, or matches, are played at a time."""
+    """Return the number of entries, or matches, that run at a time."""
     return int(options.jobs or available_cores())
 
 
 def _places(options: argparse.Namespace) -> list[Path]:
-    """Return the folders of results that are named."""
+    """Return the folders of results in the arguments."""
     from ..benchmark import kept
 
     places = [Path(name) for name in options.names] or [RESULTS]
     if gone := [place for place in places if not place.is_dir() and not kept.above(place)]:
-        raise TrainingError(f"there is no folder {gone[0]}: name one of results, that `benchmark run` made")
+        raise TrainingError(f"folder {gone[0]} does not exist: name a folder of results that `benchmark run` made")
     return places
 
 
@@ -248,7 +248,7 @@ def _score(options: argparse.Namespace, command: Parser) -> int:
     from ..benchmark.result import write_json
 
     for place in _places(options):
-        scores.scores(place)  # refuses what has no scores before hours of cross-play are spent on it
+        scores.scores(place)  # raises for incomplete results before hours of cross-play
         folders = [pair for own in scores.by_budget(place).values() for pair in scores.task_folders(own).items()]
         total = sum(len(crossplay.pairs(entries)) * entries[0].content["games"] for _, entries in folders)
         with Progress(total, "games", quiet=options.quiet) as progress:
@@ -261,7 +261,7 @@ def _score(options: argparse.Namespace, command: Parser) -> int:
 
 
 def _verify(options: argparse.Namespace, command: Parser) -> int:
-    """Verify; the exit status is 1 if anything is not what it claims, else 2 if anything could not be verified."""
+    """Verify. Return exit status 1 if anything is wrong, 2 if anything could not be verified, otherwise 0."""
     from ..benchmark.verify import verify
 
     fine, wrong, missing = "as recorded", "wrong", "not verified"
@@ -274,7 +274,7 @@ def _verify(options: argparse.Namespace, command: Parser) -> int:
                 print(found, flush=True)
     print(f"{sum(counts.values())} checks:", ", ".join(f"{number} {name}" for name, number in counts.items()))
     if counts[missing] and not options.allow_missing:
-        print("what was not verified is no success: put its files back, or take --allow-missing", file=sys.stderr)
+        print("not all is verified: put the missing files back, or take --allow-missing", file=sys.stderr)
     return 1 if counts[wrong] else 2 if counts[missing] and not options.allow_missing else 0
 
 
@@ -284,7 +284,7 @@ def _table(options: argparse.Namespace, command: Parser) -> int:
 
     places = _places(options)
     if len(places) > 1:
-        raise TrainingError("benchmark table takes one folder of results: move those to be compared into one")
+        raise TrainingError("benchmark table takes one folder of results: move the results to compare into one folder")
     if options.keep is not None:
         print(*keeping.keep(places[0], options.keep), sep="\n")
     print(*table.write(places[0], options.out or places[0]), sep="\n")
@@ -292,7 +292,7 @@ def _table(options: argparse.Namespace, command: Parser) -> int:
 
 
 def _anchors(options: argparse.Namespace, command: Parser) -> int:
-    """Rate checkpoints, for who ships the benchmark."""
+    """Rate checkpoints, for maintainers of the benchmark."""
     from ..benchmark.anchors import make
 
     if len(options.names) != 1 or not options.policies or options.out is None:
@@ -330,4 +330,4 @@ ACTIONS: dict[str, tuple[Callable[[argparse.Namespace, Parser], int], tuple[str,
     "table": (_table, ("out", "keep")),
     "situations": (_situations, ("policies", "quiet")),
     "anchors": (_anchors, ("policies", "games", "out", "quiet")),
-}  # and the options that have an effect on each
+}  # by action, the options that have an effect

@@ -35,8 +35,8 @@ def add(commands: Any) -> None:
         ),
     ]
     description = (
-        "Let every policy play against every other one and against itself, and print win rates, ratings and what "
-        "agents do. Runs that differ only in their seeds are also rated as one group, with intervals over seeds."
+        "Let every policy play against every other one and against itself, and print win rates, ratings and "
+        "behaviour. Runs that differ only in their seeds are also rated as one group, with intervals over seeds."
     )
     text, columns = "let policies play against each other, and rate them", "\n".join(explained())
     epilog = f"columns ('it' is the policy of the row), each with its standard error over games:\n{columns}"
@@ -51,7 +51,7 @@ def add(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Evaluate, and report what is complete, also after an error; the exit status."""
+    """Evaluate, and report the complete pairings, also after an error. Return the exit status."""
     with needed("train", "evaluating needs"):
         from ..arena import evaluation as arena
         from ..arena.films import films
@@ -83,7 +83,7 @@ def _report(evaluation: Any, folder: Path | None, seconds: float) -> None:
 
 
 def _print_each(paths: Iterable[Path]) -> int:
-    """Print the path of each film and page when it is there; the exit status."""
+    """Print the path of each film and page once it is written. Return the exit status."""
     try:
         for made in paths:
             print(made, flush=True)

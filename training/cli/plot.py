@@ -1,4 +1,4 @@
-"""outlast plot: curves and end values of runs, compared with each other. Needs no PyTorch."""
+"""outlast plot: curves and end values of runs, compared with each other. Does not need PyTorch."""
 
 import argparse
 from pathlib import Path
@@ -37,12 +37,12 @@ def _names(text: str) -> tuple[str, ...]:
     """Return names between commas."""
     names = tuple(name.strip() for name in text.split(","))
     if not all(names):
-        raise argparse.ArgumentTypeError(f"{text}: names are needed, with a comma between two of them")
+        raise argparse.ArgumentTypeError(f"{text}: must be names separated by commas")
     return names
 
 
 def run(options: argparse.Namespace) -> int:
-    """Draw; the exit status. Nothing is written if anything is wrong with the runs."""
+    """Draw. Return the exit status. Writes nothing if a run is invalid."""
     found = plot(
         options.runs, Path(options.out), by=options.by, curves=options.curves, x=options.x, form=options.format
     )

@@ -29,7 +29,7 @@ from ..base.hyperparameters import KINDS, parse_hyperparameters
 from ..runs.child_runs import RESUME, ChildRun, side_by_side
 from ..runs.live_view import LiveView
 
-# options that each of several runs has for itself
+# options that differ between several runs
 OWN = ("variant", "seed", "sweep", "out", "resume", "quiet", "jobs", "save_scenario")
 logger = logging.getLogger("outlast")
 
@@ -43,7 +43,7 @@ def add(commands: Any) -> None:
             "train ffa_2 --sweep melee_damage=5,10,20 --seed 0 1",
             "a study of six runs; `outlast plot runs` compares them",
         ),
-        ("train ffa_2 --resume", "go on with a run that was stopped"),
+        ("train ffa_2 --resume", "continue a run that was stopped"),
     ]
     text = "train the agents of a game with PPO"
     description = (
@@ -66,14 +66,14 @@ def add(commands: Any) -> None:
     command.group(known.LEARNED).add_argument(
         "--sweep", type=_swept, action="append", default=[], metavar="NUMBER=V,V,...", help=text
     )
-    text = "how many of several runs train at the same time (default: cores / --processes)"
+    text = "runs that train at the same time (default: cores / --processes)"
     command.group(known.MACHINE).add_argument("--jobs", type=positive, help=text)
     command.set_defaults(run=functools.partial(run, command))
 
 
 def run(command: Parser, options: argparse.Namespace) -> int:
-    """Train; the exit status."""
-    parse_warm_start(options.warm_start), parse_anneal(options.anneal)  # ahead of several processes
+    """Train. Return the exit status."""
+    parse_warm_start(options.warm_start), parse_anneal(options.anneal)  # checked before several processes start
     runs = list(_each_run(options))
     if options.jobs is not None and len(runs) == 1:
         raise TrainingError("--jobs has no effect on one run: leave it out, or name several variants or seeds")
@@ -82,13 +82,13 @@ def run(command: Parser, options: argparse.Namespace) -> int:
 
 @dataclass(frozen=True)
 class PlannedRun:
-    """A run that the options ask for.
+    """A run that the options request.
 
     Attributes:
-        variant: The name of its game, as the user gave it.
-        swept: The words of a command line with its values of --sweep.
-        marks: Its values of PPO among them, which the name of the game lacks.
-        config: What it trains.
+        variant: Name of its game, as the user gave it.
+        swept: Words of a command line with its values of --sweep.
+        marks: Its swept values of PPO, which the name of the game lacks.
+        config: Its configuration.
     """
 
     variant: str
@@ -112,14 +112,12 @@ def _swept(text: str) -> tuple[str, ...]:
     name, _, values = text.partition("=")
     given = [value.strip() for value in values.split(",")]
     if not name or not all(given) or len(set(given)) < len(given):
-        raise argparse.ArgumentTypeError(
-            f"{text}: a number and different values are needed, as in melee_damage=5,10,20"
-        )
+        raise argparse.ArgumentTypeError(f"{text}: must be a number and different values, as in melee_damage=5,10,20")
     return tuple(f"{name.strip()}={value}" for value in given)
 
 
 def _each_run(options: argparse.Namespace) -> Iterator[PlannedRun]:
-    """Yield all runs that the options ask for.
+    """Yield all requested runs.
 
     Raises TrainingError, ScenarioError, NumberError: A number does not exist, or is given twice.
     """
@@ -129,7 +127,7 @@ def _each_run(options: argparse.Namespace) -> Iterator[PlannedRun]:
         ppo = tuple(text for text in values if text.partition("=")[0].rpartition(":")[2] in KINDS)
         numbers = [text for text in values if text not in ppo]
         for text in numbers:
-            scenario(options, name).find_number(text.partition("=")[0], KINDS)  # whose error may mean one of PPO
+            scenario(options, name).find_number(text.partition("=")[0], KINDS)  # its error also lists those of PPO
         asked = copy.copy(options)
         asked.set, asked.ppo = [*options.set, *numbers], [*options.ppo, *ppo]
         words = (*(f"--set={text}" for text in numbers), *(f"--ppo={text}" for text in ppo))
@@ -138,7 +136,7 @@ def _each_run(options: argparse.Namespace) -> Iterator[PlannedRun]:
 
 
 def _train_one(options: argparse.Namespace, planned: PlannedRun) -> int:
-    """Train in this process, behind a progress bar; the exit status."""
+    """Train in this process with a progress bar. Return the exit status."""
     with needed("train", "training needs"):
         from ..runs.run import TrainingRun
         from ..runs.train import shown
@@ -157,18 +155,18 @@ def _train_one(options: argparse.Namespace, planned: PlannedRun) -> int:
 
 
 def _config(options: argparse.Namespace, chosen: Scenario, own: int) -> TrainingConfig:
-    """Return what the options ask for, of one scenario and one seed. Raises TrainingError."""
+    """Return the config of one scenario and one seed. Raises TrainingError."""
     parsed = {"seed": own, "settings": parse_hyperparameters(options.ppo), "anneal": parse_anneal(options.anneal)}
     parsed["opponents"] = parse_lineup(options.opponents, OPPONENTS)
     return TrainingConfig(chosen, **given_options(options, TrainingConfig) | parsed)
 
 
 def _train_several(command: Parser, options: argparse.Namespace, planned: Sequence[PlannedRun]) -> int:
-    """Train all of them, each in a process; the exit status, see side_by_side.
+    """Train all of them, each in its own process. Return the exit status, see side_by_side.
 
-    `--resume` goes on with runs that were stopped, and begins those that had not begun.
+    `--resume` continues runs that were stopped, and begins those that had not begun.
 
-    command: Whose options these are. Raises TrainingError: two runs would be the same; nothing has begun then.
+    command: The parser of these options. Raises TrainingError, before anything begins: two runs would be the same.
     """
     folder = Path(options.out or "runs")
     common = [*command.words(options, leave_out=OWN), *(["--threads=1"] if not options.threads else [])]

@@ -1,4 +1,4 @@
-"""outlast watch: a page that plays the newest checkpoint of a run, and shows its numbers, while it goes on."""
+"""outlast watch: a page on which the newest checkpoint of a running training plays, beside its numbers."""
 
 import argparse
 import sys
@@ -12,15 +12,15 @@ from outlast.envs.cli.options import add_import, add_options, import_files, prin
 from ..base import run_header
 from ..base.errors import TrainingError, needed
 
-LISTED = 5  # runs that a message names
+LISTED = 5  # runs listed in a message
 
 
 def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
     examples = [("watch runs/ffa_2-fast-0", "the newest policy of this run plays, beside its numbers")]
     description = (
-        "Serve a web page on which the newest policy of a run plays, beside the numbers of the run. While the run goes "
-        "on, newer policies take its place. Ctrl-C ends it."
+        "Serve a web page on which the newest policy of a run plays, beside the numbers of the run. During training, "
+        "newer policies replace it. Ctrl-C ends the page."
     )
     text = "see the newest policy of a run play in the browser"
     command = commands.add_parser("watch", help=text, description=description, examples=examples)
@@ -32,7 +32,7 @@ def add(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Serve the page until Ctrl-C; the exit status. Raises TrainingError, PlayError."""
+    """Serve the page until Ctrl-C. Return the exit status. Raises TrainingError, PlayError."""
     with needed("train", "watching needs"):
         import torch  # noqa: F401, which policies need, before anything is served
 
@@ -55,7 +55,7 @@ def run(options: argparse.Namespace) -> int:
             while not stop.wait(1):  # on Windows, Ctrl-C does not end a longer wait
                 pass
     except KeyboardInterrupt:
-        print(file=sys.stderr)  # behind the ^C
+        print(file=sys.stderr)  # after the ^C
     finally:
         stop.set()
         recorder.join()
@@ -63,9 +63,9 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _check(folder: Path) -> None:
-    """Raise TrainingError if that is no folder, or one around several runs. A run without a checkpoint yet is one."""
+    """Raise TrainingError unless it is the folder of one run. A run need not have a checkpoint yet."""
     if not folder.is_dir():
-        raise TrainingError(f"there is no folder {folder}: give that of a run, as `outlast train` printed it")
+        raise TrainingError(f"folder {folder} does not exist: give the folder that `outlast train` printed")
     if not (folder / run_header.NAME).exists() and not any(folder.glob("*.zip")):
         runs = sorted(path.parent for path in folder.glob(f"*/{run_header.NAME}"))
         if runs:
