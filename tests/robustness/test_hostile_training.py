@@ -151,7 +151,7 @@ RESTS: dict[str, tuple[Callable[[Any], Any], str]] = {
     "more of a learner": (lambda rest: rest["learners"][0].update(a=torch.zeros(3)), "is not what a run goes on with"),
     "more of opponents": (
         lambda rest: rest["opponents"].update(a=torch.zeros(3)),
-        "opponents in .* are not what a run",
+        "opponents in .* do not fit the run",
     ),
     "no generator": (lambda rest: rest["learners"][0].pop("minibatches"), "is not what a run goes on with"),
     "no moment": (lambda rest: rest["learners"][0]["optimiser"]["0"].pop("step"), "optimiser 0 in .* is not what a"),
@@ -200,33 +200,33 @@ RESTS: dict[str, tuple[Callable[[Any], Any], str]] = {
     ),
     "no pool": (
         lambda rest: rest.update(opponents=[1]),
-        "opponents in rest.safetensors .* are not what a run goes on with",
+        "opponents in rest.safetensors .* do not fit the run",
     ),
     "a rating": (lambda rest: figures(rest, [np.inf, 0, 0, 0]), "opponents 0 in rest.safetensors .* is not finite"),
     "a high rating": (
         lambda rest: figures(rest, [1e9, 0, 0, 0]),
-        "opponents in rest.safetensors .* are not what a run goes on",
+        "opponents in rest.safetensors .* do not fit the run",
     ),
     "games": (
         lambda rest: figures(rest, [0, 0, -1, 0]),
-        "opponents in rest.safetensors .* are not what a run goes on with",
+        "opponents in rest.safetensors .* do not fit the run",
     ),
     "wins": (
         lambda rest: figures(rest, [0, 2, 1, 1]),
-        "opponents in rest.safetensors .* are not what a run goes on with",
+        "opponents in rest.safetensors .* do not fit the run",
     ),
     "fewer games": (
         lambda rest: figures(rest, [0, 1, 2, 1]),
-        "opponents in rest.safetensors .* are not what a run goes on with",
+        "opponents in rest.safetensors .* do not fit the run",
     ),
-    "a past": (lambda rest: past(rest, 0), "opponents in rest.safetensors .* are not what a run goes on with"),
+    "a past": (lambda rest: past(rest, 0), "opponents in rest.safetensors .* do not fit the run"),
     "a name of a past": (
         lambda rest: past(rest, 7, name="scripted"),
-        "opponents in rest.safetensors .* are not what a run goes on with",
+        "opponents in rest.safetensors .* do not fit the run",
     ),
     "a long name": (
         lambda rest: past(rest, 7, name="past@" + "9" * 5000),
-        "opponents in rest.safetensors .* are not what a run",
+        "opponents in rest.safetensors .* do not fit the run",
     ),
     "many pasts": (
         lambda rest: [past(rest, k) for k in range(7, 1007)],
@@ -234,7 +234,7 @@ RESTS: dict[str, tuple[Callable[[Any], Any], str]] = {
     ),
     "a number of a past": (
         lambda rest: rest["opponents"]["past"].update({"07": {"name": "past@16", "drawn": True, "weights": []}}),
-        "opponents in rest.safetensors .* are not what a run",
+        "opponents in rest.safetensors .* do not fit the run",
     ),
     "past weights": (
         lambda rest: past(rest, 7, weights=[{}]),
@@ -333,7 +333,7 @@ HEADERS: dict[str, tuple[dict[str, Any], str]] = {
     "negative": ({"observations": {"own": [-7]}}, "its observations cannot be"),
     "huge": ({"observations": {"own": [10**9]}}, "its observations cannot be"),
     "large": ({"observations": {"own": [60_000]}}, "what is saved is too small for the observations"),
-    "small": ({"observations": {"own": [3]}}, "observations that no scenario has"),
+    "small": ({"observations": {"own": [3]}}, "observations that do not fit each other"),
     "masks": ({"observations": {"own": [9], "others": [3, 9], "others_mask": [4]}}, "its observations cannot be"),
     "actions": ({"actions": [3, 0]}, "its actions cannot be"),
     "many actions": ({"actions": [60_000]}, "what is saved is too small for the observations"),
@@ -344,7 +344,7 @@ HEADERS: dict[str, tuple[dict[str, Any], str]] = {
     "large fields": ({"fields": {"own": {"id": [60_000, 1.0], "x": [60_000, 1.0]}}}, "its fields cannot be"),
     "scale": ({"fields": {"own": {"id": [9, 0.0]}}}, "its fields cannot be"),
     "infinite scale": ({"fields": {"own": {"id": [9, np.inf]}}}, "its fields cannot be"),
-    "few fields": ({"fields": {"own": {"id": [3, 1.0]}}}, "rows of own have 9 numbers, and fields of 3"),
+    "few fields": ({"fields": {"own": {"id": [3, 1.0]}}}, "rows of own have 9 numbers, but its fields 3"),
     "plan": ({"plan": [1]}, "its plan cannot be"),
     "version": ({"version": 2}, "has version 2: 1 is needed"),
 }

@@ -115,7 +115,7 @@ NESTED: dict[str, tuple[type[Exception], str]] = {
     "floor plan": (ScenarioError, "is no floor plan"),
     "recording": (RecordingError, "is not a recording"),
     "message": (MessageError, "messages are JSON"),
-    "result.json": (TrainingError, "is no result of the benchmark"),
+    "result.json": (TrainingError, "is not a result of the benchmark"),
     "run.json": (TrainingError, "does not describe a run"),
     "curves": (TrainingError, "does not hold the curves of runs"),
 }

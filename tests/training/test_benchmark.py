@@ -196,11 +196,13 @@ def test_a_true_result_is_as_recorded_and_another_recording_is_found(first: Resu
     # also where its digest is in the result: it is played by other policies, or of another game
     match, target = first.against["trained", "scripted"], first.folder / "trained-scripted.rec"
     shutil.copy(first.folder / "trained-random.rec", target)
-    assert wrong(first) == ["its recording is another file than the one that was made"]
+    assert wrong(first) == ["its recording is not the file that was made"]
     match |= {"recording": digest(target)}
     match |= {key: first.against["trained", "random"][key] for key in ("won", "drawn", "lost", "figures")}
     (found,) = wrong(first)
-    assert re.match(r"scripted did not play it: in world \d+, tick \d+, agent \d it chooses \[.*\], not \[", found)
+    assert re.match(
+        r"scripted did not play this match: in world \d+, tick \d+, agent \d it chooses \[.*\], not \[", found
+    )
     shutil.copy(first.folder / "strong-blows-scripted.rec", target)
     match |= {"recording": digest(target)}
     (found,) = wrong(first)
@@ -235,7 +237,7 @@ def test_scores_that_do_not_follow_from_the_results_are_found(first: Result) -> 
     assert verify._of_scores(place).wrong == "the results have other scores: run `outlast benchmark score` again"
     first.matches.pop()
     first.write()
-    assert verify._of_scores(place).missing.endswith("is missing; run it again, to go on")
+    assert verify._of_scores(place).missing.endswith("is missing; run it again to continue")
 
 
 class Altered(Contender):
@@ -272,7 +274,9 @@ def test_one_altered_action_is_found(first: Result, side: str) -> None:
     names = [str(first.folder / "policy.safetensors"), "scripted"]
     pair = [Altered(name, one_other) if name.endswith(side) else Contender("other", name) for name in names]
     (found,) = [each.wrong for check in checks(with_match(first, *pair)) if (each := check()).wrong]
-    assert re.search(rf"{side} did not play it: in world 0, tick 1, agent [01] it chooses \[.*\], not \[", found)
+    assert re.search(
+        rf"{side} did not play this match: in world 0, tick 1, agent [01] it chooses \[.*\], not \[", found
+    )
 
 
 @pytest.mark.parametrize("rounded", [1, 1000])
@@ -298,15 +302,15 @@ def test_of_networks_what_is_within_rounding_is_counted(first: Result, monkeypat
     assert not match.missing
     assert whole.of([match]).wrong == ("" if differ[0] <= 3 else "more of its actions differ than rounding explains")
     monkeypatch.setattr(matches, "ROUNDING", 2**-30)
-    assert "policy.safetensors did not play it" in checks(entry)[1]().wrong
+    assert "policy.safetensors did not play this match" in checks(entry)[1]().wrong
 
 
 @pytest.mark.parametrize(
     ("change", "found"),
     [
-        (lambda first, match: match.update(won=4, drawn=0, lost=0), r"\w+ is \d in the result, and \d in"),
-        (lambda first, match: match["figures"][0].update(kills=[1.5, 0.1]), "kills is 1.5 in the result, and 0 in the"),
-        (lambda first, match: first.content["policy"].update(steps=9), "steps of .* is 9 in the result, and 512"),
+        (lambda first, match: match.update(won=4, drawn=0, lost=0), r"\w+ is \d in the result, but \d in"),
+        (lambda first, match: match["figures"][0].update(kills=[1.5, 0.1]), "kills is 1.5 in the result, but 0 in the"),
+        (lambda first, match: first.content["policy"].update(steps=9), "steps of .* is 9 in the result, but 512"),
         (lambda first, match: first.content["policy"].update(of_task=False), "of_task of .* is False in the"),
         (lambda first, match: first.content["policy"].update(met=["healer"]), "met of .* is .* in the result"),
     ],
@@ -320,11 +324,11 @@ def test_what_the_result_says_is_what_its_files_say(first: Result, change: Any, 
 def test_another_opponent_or_game_is_found(first: Result) -> None:
     """By scores, too, which play nothing."""
     first.against["trained", "steps_0000000512"]["opponent"] = "0" * 64
-    assert "another steps_0000000512 than that of the suite" in wrong(first, ("trained", "steps_0000000512"))[0]
-    with pytest.raises(TrainingError, match="it played another steps_0000000512 than that of the suite"):
+    assert "its steps_0000000512 is not the one of the suite" in wrong(first, ("trained", "steps_0000000512"))[0]
+    with pytest.raises(TrainingError, match="its steps_0000000512 is not the one of the suite"):
         scores._agent(tasks.task_of(NAME), [first])
     first.content["fingerprints"]["trained"]["numbers"]["heals_count"] = 3
-    other = "its game 'trained' is another one than that of quick-v1 ('ffa_2'): heals_count is 3 there"
+    other = "its game 'trained' differs from that of quick-v1 ('ffa_2'): heals_count is 3 there"
     assert other in wrong(first)[0]
     with pytest.raises(TrainingError, match=re.escape(other)):
         scores._agent(tasks.task_of(NAME), [first])
@@ -337,12 +341,12 @@ def test_another_response_is_found(first: Result, results: Path, tmp_path: Path)
     assert wrong(first)[0] == "response.safetensors was not trained against policy.safetensors, but self:1"
     shutil.copy(results / str(BUDGET) / NAME / "fast/1/response.safetensors", first.folder)
     first.content["response"] = result.read(results / str(BUDGET) / NAME / "fast/1" / result.NAME).content["response"]
-    assert wrong(first)[0] == "response.safetensors was trained otherwise than best responses are: seed is 1, not 0"
+    assert wrong(first)[0] == "response.safetensors was not trained as best responses are: seed is 1, not 0"
     kept = results / str(BUDGET) / NAME / "fast/0/response.safetensors"
     for plan, steps, numbers, words in (
-        ({"settings": {"learning_rate": 1e-9}}, {}, {}, "otherwise than best responses are: settings is .*, not {}"),
-        ({"warm_start": "scripted"}, {}, {}, "otherwise than best responses are: warm_start is scripted, not "),
-        ({}, {}, {"heals_count": 3}, "otherwise than best responses are: game is False, not True"),
+        ({"settings": {"learning_rate": 1e-9}}, {}, {}, "not trained as best responses are: settings is .*, not {}"),
+        ({"warm_start": "scripted"}, {}, {}, "not trained as best responses are: warm_start is scripted, not "),
+        ({}, {}, {"heals_count": 3}, "not trained as best responses are: game is False, not True"),
         ({}, {"steps": 256}, {}, "for 256 agent-steps, not for 512"),
     ):
         _change(kept, first.folder / "response.safetensors", plan, numbers, **steps)
@@ -380,7 +384,7 @@ def test_cross_play_is_verified(results: Path, tmp_path: Path) -> None:
     every = cross_checks(folder, entries, [each.name for each in entries])
     found = [str(each) for check in every if (each := check()).wrong]
     assert len(found) >= 1
-    assert found[-1] == "quick-v1 fast/1 against mine/1: its recording is another file than the one that was made"
+    assert found[-1] == "quick-v1 fast/1 against mine/1: its recording is not the file that was made"
 
 
 def test_cross_play_with_an_entry_that_is_gone_is_missing(results: Path) -> None:
@@ -415,12 +419,12 @@ def test_anchors_are_the_policies_that_were_rated(place: Path, results: Path) ->
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda rated: rated.update(version=2), "its version or its game cannot be"),
-        (lambda rated: rated["members"][0].update(elo="1"), "a member that cannot be: {'name': 'random', 'elo': '1'"),
-        (lambda rated: rated["members"][0].update(steps=-1, plan={}), "an anchor that cannot be: {'name': 'random'"),
+        (lambda rated: rated.update(version=2), "invalid version or game"),
+        (lambda rated: rated["members"][0].update(elo="1"), "an invalid member: {'name': 'random', 'elo': '1'"),
+        (lambda rated: rated["members"][0].update(steps=-1, plan={}), "an invalid anchor: {'name': 'random'"),
         (lambda rated: rated["members"][0].update(steps=1, plan={}), "its weights are not those of 2 anchors"),
         (lambda rated: rated.pop("members"), "KeyError: 'members'"),
-        (lambda rated: rated["fingerprint"]["numbers"].update(heals_count=3), "its ratings are of another game"),
+        (lambda rated: rated["fingerprint"]["numbers"].update(heals_count=3), "its ratings belong to another game"),
     ],
 )
 def test_other_anchors_are_refused(
@@ -442,18 +446,18 @@ def test_other_anchors_are_refused(
         (lambda content: content.pop("matches"), "KeyError: 'matches'"),
         (lambda content: content.update(policy=None), "it has matches, but no policy that played them"),
         (lambda content: content["policy"].update(steps=None), "its policy cannot be"),
-        (lambda content: content["matches"][0].update(won=400), "not all games"),
+        (lambda content: content["matches"][0].update(won=400), "do not add up to all games"),
         (lambda content: content["matches"][0].update(games=2, won=2, drawn=0, lost=0), "a match of 2 games: 4 are"),
-        (lambda content: content["matches"][0].update(recording="x"), "digests that are none"),
-        (lambda content: content["matches"][0]["figures"][0].update(kills=[1e999, 0]), "figures that cannot be"),
-        (lambda content: content["matches"][0].update(game="a\nb"), "names that cannot be"),
-        (lambda content: content["matches"].append(content["matches"][0]), "and .* is there twice"),
+        (lambda content: content["matches"][0].update(recording="x"), "invalid digests"),
+        (lambda content: content["matches"][0]["figures"][0].update(kills=[1e999, 0]), "invalid figures"),
+        (lambda content: content["matches"][0].update(game="a\nb"), "invalid names"),
+        (lambda content: content["matches"].append(content["matches"][0]), "and .* occurs twice"),
     ],
 )
 def test_a_result_that_is_none_is_refused(first: Result, change: Callable[[Content], Any], message: str) -> None:
     change(first.content)
     (first.folder / result.NAME).write_text(json.dumps(first.content))
-    with pytest.raises(TrainingError, match="is no result of the benchmark: .*" + message.replace("'", ".")):
+    with pytest.raises(TrainingError, match="is not a result of the benchmark: .*" + message.replace("'", ".")):
         result.read(first.folder / result.NAME)
 
 
@@ -472,13 +476,13 @@ def test_results_in_the_wrong_folder_are_refused(first: Result) -> None:
     ("words", "message"),
     [
         ("run quick-v1", "needs tasks and agents"),
-        ("run quick-v1 --agent nobody", "nobody: there is no such agent: a preset"),
+        ("run quick-v1 --agent nobody", "nobody: unknown agent: it must be a preset"),
         ("run quick-v1 --agent fast --keep a", "--keep has no effect on benchmark run"),
         ("run quick-v1 --agent mine=a.zip --memory 4", "memory has no effect on mine=a.zip"),
-        ("run quick-v1 --agent fast --seed 4611686018427387904", "kept for the worlds of tests"),
+        ("run quick-v1 --agent fast --seed 4611686018427387904", "reserved for the worlds of tests"),
         ("run quick-v1 quick-v1 --agent fast", "name each task, each agent and each seed once"),
-        ("run quick-v1 --agent a/b=fast", "no name of an agent"),
-        ("score nowhere", "there is no folder nowhere"),
+        ("run quick-v1 --agent a/b=fast", "must consist of letters, digits"),
+        ("score nowhere", "folder nowhere does not exist"),
         ("tasks ffa_2-v1", "lists all: leave out ffa_2-v1"),
         ("anchors quick-v1", "needs a task, --policies and --out"),
     ],
@@ -502,7 +506,7 @@ def test_another_program_does_not_go_on_with_the_matches_of_one(tmp_path: Path) 
     assert run.result.content["policy"]["digest"] == digest(program)
     run._play(run.entry.task.games[0], result.SELF, run._contender())
     program.write_text(MINE.replace("[2, 1,", "[1, 1,"))
-    with pytest.raises(TrainingError, match="the policy is another one than that which has played 1 matches there"):
+    with pytest.raises(TrainingError, match="the policy is not the one that played 1 matches there"):
         EntryRun(entry(tmp_path, chosen))._enter()
 
 
@@ -511,7 +515,7 @@ def test_neither_seeds_nor_numbers_of_games_are_mixed(results: Path, tmp_path: P
     own = results / str(BUDGET) / NAME / "fast/1/policy.safetensors"
     words = ["benchmark", "run", NAME, "--agent", f"one={own}", "--seed", "0", "1", "--out", str(tmp_path)]
     assert main(words) == 2
-    assert "is one training, whatever the seed: name one --seed, or put {seed} in it" in capsys.readouterr().err
+    assert "is one training for all seeds: name one --seed, or put {seed} in it" in capsys.readouterr().err
     one, two, _ = kept.find(results)
     same = replace(one, content=one.content | {"policy": two.content["policy"]})
     with pytest.raises(TrainingError, match="its policy is that of seed 0, not another training: remove it"):
@@ -558,9 +562,9 @@ def test_policies_that_exist_are_entered_with_what_they_say(results: Path, tmp_p
         found = entered(tmp_path / str(expected) / str(len(plan)) / "-".join(plan), changed)
         assert (found["met"], found["of_task"]) == expected
     _change(results / str(BUDGET) / NAME / "fast/1/policy.safetensors", changed, {"seed": 2**62}, {})
-    with pytest.raises(TrainingError, match="kept for the worlds of tests"):
+    with pytest.raises(TrainingError, match="reserved for the worlds of tests"):
         entered(tmp_path / "seed", changed)
-    with pytest.raises(TrainingError, match=r"mine, quick-v1, seed 0: there is no .*absent"):
+    with pytest.raises(TrainingError, match=r"mine, quick-v1, seed 0: .*absent does not exist"):
         entered(tmp_path / "gone", tmp_path / "absent")
 
 
@@ -688,16 +692,16 @@ def test_kept_games_are_verified(results: Path, tmp_path: Path, capsys) -> None:
     assert "fast/1 against mine/1: its recording is not here" in verified(2)
     kept_changed(tmp_path, lambda content: own(content)["matches"]["trained"].update(self=[0, GAMES, 0]))
     said = "quick-v1 fast/0, trained against self: {}"
-    assert re.match(said.format(r"\w+ is \d in the result, and \d in"), verified(1, "--allow-missing"))
+    assert re.match(said.format(r"\w+ is \d in the result, but \d in"), verified(1, "--allow-missing"))
     (tmp_path / kept.NAME).write_bytes(numbers)
     whole, digests = games.read_bytes(), np.load(games)["digests"]
     Games(digests ^ (np.arange(len(digests)) == 7).astype("<u4"), np.load(games)["doubtful"]).write(games)
-    assert said.format("its recording is another file than the one that was made") in verified(1, "--allow-missing")
+    assert said.format("its recording is not the file that was made") in verified(1, "--allow-missing")
     games.write_bytes(whole)
     shutil.copy(results / str(BUDGET) / NAME / "fast/1/policy.safetensors", policy)
-    assert "0.safetensors is another file than the one that was tested" in verified(1, "--allow-missing")
+    assert "0.safetensors is not the file that was tested" in verified(1, "--allow-missing")
     policy.unlink()
-    assert "against self: a policy that played it is not here, and is not asked" in verified(2)
+    assert "against self: a policy that played it is missing, so its choices were not compared" in verified(2)
 
 
 def own_file() -> str:
@@ -708,7 +712,7 @@ def own_file() -> str:
 def test_keeping_replaces_whole_tasks(results: Path, tmp_path: Path, first: Result) -> None:
     target = tmp_path.with_name(f"{tmp_path.name}-kept")
     kept.write(target, kept.find(results), {})
-    with pytest.raises(TrainingError, match=rf"{BUDGET}/{NAME}/fast/1 is in .*kept and not in .*: keep these"):
+    with pytest.raises(TrainingError, match=rf"{BUDGET}/{NAME}/fast/1 is in .*kept but not in .*: keep these"):
         keeping.keep(first.folder.parents[3], target)
     other = replace(first, content=first.content | {"task": "ffa_4-v1"})
     kept.write(target, [other], {f"{BUDGET}/ffa_4-v1": [["fast/0", "fast/1", 4, 0, 0]]})
@@ -716,7 +720,7 @@ def test_keeping_replaces_whole_tasks(results: Path, tmp_path: Path, first: Resu
     assert [entry.content["task"] for entry in kept.find(target)] == ["ffa_4-v1", NAME, NAME, NAME]
     assert [*crossplay.load(target / str(BUDGET) / "ffa_4-v1")] == [("fast/0", "fast/1")]
     changed = replace(first, content=first.content | {"fingerprints": {}})
-    with pytest.raises(TrainingError, match="other games or opponents than further results of its task"):
+    with pytest.raises(TrainingError, match="other games or opponents than other results of its task"):
         kept.write(tmp_path, [first, changed], {})
     assert not (tmp_path / kept.NAME).exists()
 
@@ -735,7 +739,7 @@ def test_keeping_replaces_whole_tasks(results: Path, tmp_path: Path, first: Resu
 def test_other_kept_results_are_refused(results: Path, tmp_path: Path, change: Any, message: str) -> None:
     kept.write(tmp_path, kept.find(results), {})
     kept_changed(tmp_path, change)
-    with pytest.raises(TrainingError, match="is no result of the benchmark: .*" + re.escape(message)):
+    with pytest.raises(TrainingError, match="is not a result of the benchmark: .*" + re.escape(message)):
         kept.find(tmp_path)
     (tmp_path / kept.NAME).write_bytes(lzma.compress(b"{}")[:-4])
     with pytest.raises(TrainingError, match="of the benchmark: ValueError: it is no xz file"):
@@ -744,9 +748,9 @@ def test_other_kept_results_are_refused(results: Path, tmp_path: Path, change: A
 
 def test_what_marl_eval_cannot_take_stops_no_table(results: Path, tmp_path: Path, monkeypatch, caplog) -> None:
     def refuse(*_: object) -> None:
-        raise TrainingError("Fast and fast are one name to marl-eval")
+        raise TrainingError("Fast and fast are the same name for marl-eval")
 
     monkeypatch.setattr(table, "marl_eval_json", refuse)
     written = {path.name for path in table.write(results, tmp_path / "tables")}
     assert written == {"profile-512.png", "table.csv", "table.md"}
-    assert "marl_eval-512.json is left out: Fast and fast are one name to marl-eval" in caplog.text
+    assert "marl_eval-512.json is left out: Fast and fast are the same name for marl-eval" in caplog.text

@@ -88,11 +88,11 @@ def test_tasks_keep_to_the_protocol() -> None:
         assert len({*seeds}) == len(seeds)
         assert {*seeds} <= {*SEEDS}
     check_training_seed(SEEDS.start - 1)
-    with pytest.raises(TrainingError, match=r"seeds from 2\*\*62 on are kept for the worlds of tests"):
+    with pytest.raises(TrainingError, match=r"seeds from 2\*\*62 on are reserved for the worlds of tests"):
         check_training_seed(SEEDS.start)
     assert [track_of(budget) for budget in BUDGETS.values()] == list(BUDGETS)
     assert track_of(BUDGETS["10M"], GAMES - 2) == track_of(65_536) == ""
-    with pytest.raises(TrainingError, match="there is no task 'ffa_2'; did you mean ffa_2-v1"):
+    with pytest.raises(TrainingError, match="unknown task 'ffa_2'; did you mean ffa_2-v1"):
         tasks.task_of("ffa_2")
 
 
@@ -133,7 +133,7 @@ def test_an_installed_outlast_fetches_anchors(monkeypatch, tmp_path: Path) -> No
 POLICIES = Path(__file__).parents[2] / "results" / "policies" / "ffa_2"
 COUNT = 8
 WIDE = 2**-7  # a rounding that is so coarse that many actions are doubtful
-OTHER_TICK = r"tick {} is the first that is not as it is when the match is played again"
+OTHER_TICK = r"tick {} is the first that differs when the match is played again"
 
 
 @pytest.fixture(scope="module")
@@ -201,7 +201,7 @@ def test_what_is_altered_is_found_at_its_tick(pair: Any, played: Any, again: Any
     for change, words in (
         ({"digests": digests}, OTHER_TICK.format(40)),
         ({"digests": short.digests[:-1]}, OTHER_TICK.format(len(digests) - 1)),
-        ({"doubtful": nobody}, "1 of its actions are of agents that do not act there"),
+        ({"doubtful": nobody}, "1 of its actions belong to agents that do not act"),
     ):
         with pytest.raises(RecordingError, match=words):
             again(replace(short, **change))
@@ -304,7 +304,9 @@ def test_an_action_outside_of_rounding_is_found(played: Any, choices: Any, again
     wrong = (choices[place][2] + 1) % np.array([3, 3, 3, 2, 2, 2])
     changed = np.where(np.arange(6) == 0, wrong, choices[place][1])
     more = replace(short, doubtful=np.concatenate([short.doubtful, [[*place, *changed]]]))
-    with pytest.raises(RecordingError, match=rf"did not play it: in world {world}, tick {tick}, agent {agent} it"):
+    with pytest.raises(
+        RecordingError, match=rf"did not play this match: in world {world}, tick {tick}, agent {agent} it"
+    ):
         again(altered(short, 0, changed) if row == "doubtful" else more)
 
 
@@ -324,5 +326,7 @@ def test_a_file_that_holds_no_games_is_refused(
 ) -> None:
     path = tmp_path / "a.npz"
     np.savez(path, **change(played[0])) if change else path.write_text("text")
-    with pytest.raises(RecordingError, match=r"a\.npz holds (no games: |games with another number of actions)"):
+    with pytest.raises(
+        RecordingError, match=r"a\.npz (is not a file of games: |holds games with a different number of actions)"
+    ):
         games.repeat(game, pair, COUNT, path)

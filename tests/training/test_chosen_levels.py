@@ -138,7 +138,7 @@ def test_what_are_no_levels_is_refused(returned: Any, reason: str) -> None:
 def test_what_cannot_choose_is_refused() -> None:
     with pytest.raises(TrainingError, match=r"levels = 'levels.json': a function is needed"):
         config("levels.json")
-    with pytest.raises(TrainingError, match="levels are chosen in one process"):
+    with pytest.raises(TrainingError, match="the levels function runs in one process only"):
         config(fixed, processes=2)
     # among so many others that hardly any world would get it
     plan = FloorPlan(walls=[(-4, 0, 0.5, 8)])

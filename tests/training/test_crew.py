@@ -128,7 +128,7 @@ def test_a_run_goes_on_with_any_number_of_processes(alone: tuple[Path, dict[str,
 
 
 def test_more_processes_than_worlds_are_refused() -> None:
-    with pytest.raises(TrainingError, match="processes = 8: from 1 to 7, one for each world, are possible"):
+    with pytest.raises(TrainingError, match="processes = 8: must be from 1 to 7, the number of worlds"):
         config(1, processes=8)
 
 
@@ -136,7 +136,7 @@ def test_a_saved_policy_is_imitated_by_one_process(alone: tuple[Path, dict[str, 
     """Several can go on with the run."""
     teacher = {"warm_start": f"{newest(alone[0])}:{EACH}"}
     trained(tmp_path, 1, **teacher)
-    with pytest.raises(TrainingError, match="draws numbers in turn: imitate it with one process, then resume"):
+    with pytest.raises(TrainingError, match="draws in sequence: imitate it with one process, then resume"):
         trained(tmp_path / "new", 1, processes=2, **teacher)
     trained(tmp_path, 2, resume=True, processes=2, **teacher)
 

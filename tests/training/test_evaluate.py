@@ -257,7 +257,7 @@ def test_ratings_of_several_tables_are_those_of_each() -> None:
     ("tables", "message"),
     [
         (([[1, 0]], [[0, 0]], [[1, 0]], [1000]), r"expected three tables .*, not \(1, 2\), \(1, 2\), \(1, 2\), \(1,\)"),
-        (([[1]], [[0]], [[1]], [math.nan]), "the fixed ones must be numbers"),
+        (([[1]], [[0]], [[1]], [math.nan]), "fixed ratings must be finite"),
         (([[1]], [[-1]], [[1]], [1000]), "must be 0 or more"),
         (([[1], [0]], [[0], [0]], [[1], [0]], [1000]), r"player 1 \(from 0 on\) has met no opponent"),
     ],
@@ -292,7 +292,7 @@ def test_labels_and_titles_are_as_short_as_can_be() -> None:
     assert labels(["random", "runs/random.zip"]) == ["random", "runs-random"]
     with pytest.raises(TrainingError, match="named twice"):
         labels(["runs/a.zip", "runs/../runs/a.zip"])
-    with pytest.raises(TrainingError, match="lr 1e-3, lr=1e-3: two of them are called lr-1e-3 in files"):
+    with pytest.raises(TrainingError, match="lr 1e-3, lr=1e-3: two get the name lr-1e-3 in files"):
         contenders({"lr 1e-3": "noop", "lr=1e-3": "scripted"})
     long, strip = "runs-a-folder-of-many-ffa_2-fast", Canvas(512, 256, 22)
     for names, sides in (
@@ -401,10 +401,10 @@ def test_the_report_has_tables_of_groups_and_says_what_errors_are_of(tmp_path: P
     evaluation.play()
     evaluation.close()
     text = str(evaluation)
-    assert "over games of these very policies" in text
+    assert "over games of these policies" in text
     assert "\nworlds=4: a, b\n95 % intervals over training seeds and games" in text
     assert text.index("Elo of groups") < text.index("wins of group, against") < text.index("\nc: one run: its error is")
-    assert "its error is of games alone, and says nothing of other seeds" in text
+    assert "its error is over games, and does not cover other seeds" in text
     narrow = report.text(evaluation, 80)
     tables = [line for line in narrow.split("\n") if "  " in line]
     assert max(map(len, tables)) <= 80 < max(map(len, text.split("\n")))
@@ -533,7 +533,7 @@ def test_ctrl_c_prints_the_pairings_that_are_complete(capsys, caplog, monkeypatc
     assert (found["complete"], len(found["pairings"]), found["ratings"]) == (False, 3, [])
     monkeypatch.setitem(POLICIES, "random", interrupted_after(3))
     assert evaluate("ffa_1", "random", *small[:-1], tmp_path / "none") == 130
-    assert "no pairing is complete" in capsys.readouterr().out
+    assert "none of the pairings is complete" in capsys.readouterr().out
     assert not (tmp_path / "none").exists()
 
 
@@ -542,8 +542,11 @@ def test_ctrl_c_prints_the_pairings_that_are_complete(capsys, caplog, monkeypatc
     [
         (("noop", "noop"), "named twice"),
         (("scriptd",), r"scriptd: did you mean scripted\?"),
-        (("runs/nowhere",), r"runs/nowhere is no saved policy: a model's name, FILE\.zip, .* or the folder of a run"),
-        (("nowhere.zip",), "there is no checkpoint nowhere.zip"),
+        (
+            ("runs/nowhere",),
+            r"runs/nowhere is not a saved policy: it must be a model's name, FILE\.zip, .* or the folder of a run",
+        ),
+        (("nowhere.zip",), "checkpoint nowhere.zip"),
         (("noop", "--film"), "films need a folder"),
         (("noop", "--out", __file__), "cannot be a folder: .* is a file"),
     ],
@@ -592,7 +595,7 @@ def test_saved_policies_that_cannot_play_are_refused_in_one_line(capsys, tmp_pat
     for arguments, words in (
         (("rollout", "ffa_1", *policy, *record, "--quiet"), "trained on teams_3 and does not fit here"),
         (("rollout", "teams_3", *policy, "--ray"), "leave out --ray"),
-        (("frames", "teams_3", "--policy", "nowhere.zip", "--out", str(tmp_path / "b")), "there is no checkpoint"),
+        (("frames", "teams_3", "--policy", "nowhere.zip", "--out", str(tmp_path / "b")), "nowhere.zip does not exist"),
         (("play", "ffa_1", "--others", str(tmp_path / "a.zip"), "--no-browser"), "trained on teams_3 and does not"),
     ):
         assert cli.main(arguments) == 2
@@ -709,7 +712,7 @@ def test_tables_of_another_evaluation_are_not_replaced(tmp_path: Path, capsys) -
     outlast.evaluate("ffa_2", ["noop", "random"], episodes=8, **small, **SOON)
     assert json.loads((tmp_path / "evaluation.json").read_text())["episodes"] == 8
     (tmp_path / "evaluation.json").write_text("[]")
-    with pytest.raises(TrainingError, match=r"evaluation\.json is no evaluation, and would be replaced: choose"):
+    with pytest.raises(TrainingError, match=r"evaluation\.json is not an evaluation, and would be replaced: choose"):
         outlast.evaluate("ffa_2", ["noop", "random"], episodes=4, **small, **SOON)
 
 

@@ -99,7 +99,7 @@ def test_a_program_without_a_main_guard_is_told_so_in_the_last_line(tmp_path: Pa
     """Each process runs the whole program again, and fails where it would start further ones."""
     (tmp_path / "program.py").write_text(UNGUARDED[name])
     last = _last_line(tmp_path, [sys.executable, "program.py"])
-    assert 'so that has to start it under if __name__ == "__main__":' in last
+    assert 'which must start it under if __name__ == "__main__":' in last
 
 
 @pytest.mark.parametrize("name", UNGUARDED)

@@ -253,7 +253,7 @@ def test_no_value_is_drawn_that_an_action_has_not() -> None:
 
 def test_what_no_extractor_can_be_is_refused() -> None:
     layout, observations, own = seen("ffa_2", "original", worlds=1, steps=0)
-    with pytest.raises(ValueError, match="no preset 'big'; known: original, paper, scaled"):
+    with pytest.raises(ValueError, match="unknown preset 'big'; known: original, paper, scaled"):
         preset("big")
     with pytest.raises(ValueError, match="a leaky one has tanh"):
         Extractor(layout, replace(PRESETS["original"], activation="relu"), own)

@@ -250,7 +250,7 @@ def test_policies_of_sides_play_their_sides_from_a_file(tmp_path: Path) -> None:
 
 
 ALONE = "opponents need a side of their own, and here is one side only"
-VARIES = "policies = 'side': {} varies, and with it who is on which side"
+VARIES = "policies = 'side': {} varies, and the sides of agents with it"
 
 
 @pytest.mark.parametrize(

@@ -129,7 +129,7 @@ def test_what_cannot_be_read_is_refused(tmp_path: Path) -> None:
     with pytest.raises(TrainingError, match="No such file"):
         log_file.read_log(tmp_path / "log.csv")
     (tmp_path / "log.csv").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(TrainingError, match="it is no text"):
+    with pytest.raises(TrainingError, match="it is not UTF-8 text"):
         log_file.read_log(tmp_path / "log.csv")
 
 
@@ -169,11 +169,11 @@ ABOUT = '# {"r": {}}\n'
     [
         (LINES, "its first line does not describe the curves"),
         ("# no json\nrun,step,a\nr,1,2\n", "Expecting value"),
-        (ABOUT + "run,step,a\nr,1,2\nr,2\n", "line 4 has 2 cells, and the heading 3: was it cut off"),
+        (ABOUT + "run,step,a\nr,1,2\nr,2\n", "line 4 has 2 cells, but the heading 3: was it cut off"),
         (ABOUT + "run,steps,a\nr,1,2\n", "its columns are not run, step and tags"),
-        (ABOUT + "run,step,a\nr,1,2\ns,1,2\n", "line 4 is of 's', which its first line does not describe"),
+        (ABOUT + "run,step,a\nr,1,2\ns,1,2\n", "line 4 belongs to 's', which its first line does not describe"),
         ('# {"r": {}, "s": {}}\nrun,step,a\nr,1,2\n', "it has a run without rows"),
-        ('# {"../r": {}}\nrun,step,a\n../r,1,2\n', "a run cannot be called '../r'"),
+        ('# {"../r": {}}\nrun,step,a\n../r,1,2\n', "'../r' is not a valid name of a run"),
         (ABOUT + "run,step,a\nr,2,2\nr,1,2\n", "its steps do not ascend"),
         (ABOUT + "run,step,a\nr,1,inf\n", "inf is not a finite number"),
         (ABOUT + "run,step,a\nr,1,2\n", "r does not hold the curves of a run: 'variant'"),
@@ -256,7 +256,7 @@ def test_what_is_no_group_of_runs_is_refused(tmp_path: Path) -> None:
     empty.mkdir()
     refused([empty], "there are no runs in")
     log(empty, LINES)
-    refused([empty], r"has no run.json, which describes what is trained in it")
+    refused([empty], r"has no run.json, which describes the run")
     for content in (b"no JSON", b"\xff", b"[" * 99999, b"[]", b'{"plan": {}}'):
         (empty / "run.json").write_bytes(content)
         refused([empty], r"run.json does not describe a run")

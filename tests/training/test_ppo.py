@@ -375,7 +375,7 @@ def test_every_number_that_can_be_set_changes_an_update(name: str) -> None:
         ({"n_epochs": 2.5}, "n_epochs=2.5: a whole number like 400 is needed"),
         ({"anneal_lr": 1}, "anneal_lr=1: true or false is needed"),
         ({"vf_coef": True}, "vf_coef=True: a number like 0.5 is needed"),
-        ({"gama": 1}, "PPO has no number 'gama'; did you mean gamma"),
+        ({"gama": 1}, "PPO has no hyperparameter 'gama'; did you mean gamma"),
     ],
 )
 def test_what_cannot_be_is_refused(options: dict[str, Any], message: str) -> None:
@@ -393,7 +393,7 @@ def test_what_cannot_be_is_refused(options: dict[str, Any], message: str) -> Non
         ("n_epochs=0", "n_epochs=0: a finite number of at least 1 is needed"),
         ("batch_size=64.5", "batch_size=64.5: a whole number like 512 is needed"),
         ("anneal_lr=perhaps", "anneal_lr=perhaps: true or false is needed"),
-        ("normalise=1", "PPO has no number 'normalise'; known: learning_rate, anneal_lr, batch_size"),
+        ("normalise=1", "PPO has no hyperparameter 'normalise'; known: learning_rate, anneal_lr, batch_size"),
         ("gamma", "gamma: a number like 0.99 is needed"),
         ("gamma=0.9 gamma=0.99", "gamma is given twice"),
     ],

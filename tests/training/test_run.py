@@ -214,7 +214,7 @@ def test_files_of_opponents_may_lie_elsewhere(whole: Folders, begun: Folders, tm
     TrainingRun(config(EACH, opponents={str(rival): 1.0}), tmp_path / "run").train()
     moved = shutil.move(rival, tmp_path / "moved.zip")
     for opponents, words in (
-        ({str(stranger): 1.0}, "is another policy than the one that the run has"),
+        ({str(stranger): 1.0}, "is not the policy that the run has"),
         ({"self": 1.0, str(moved): 1.0}, r"was begun with opponents = .*:1, not self:1,.*moved\.zip:1"),
     ):
         with pytest.raises(TrainingError, match=words):

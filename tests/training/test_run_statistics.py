@@ -81,14 +81,14 @@ def test_the_interval_is_that_of_all_resamplings() -> None:
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: iqm({}), "there are no scores"),
+        (lambda: iqm({}), "scores are empty"),
         (lambda: iqm({"a": []}), "a: scores: expected one or more numbers"),
         (lambda: iqm({"a": ["high"]}), "a: scores: expected numbers"),
         (lambda: mean({"a": [0.5, 0.5], "b": [0.1, math.nan]}), r"b: scores: number 1 \(from 0 on\) is nan"),
         (lambda: mean(np.zeros((3, 2))), r"expected those of all runs by task, not a ndarray; of an array \(runs, ta"),
         (
             lambda: statistics.probability_of_improvement({"a": [1], "b": [1]}, {"a": [1]}),
-            "only one of two has scores of b",
+            "only one side has scores of b",
         ),
         (lambda: performance_profile({"a": [1]}, [[1]]), r"thresholds of shape \(1, 1\)"),
         (lambda: stratified_bootstrap(mean, {"a": [1, 2], "b": [1]}), "b has one run: an interval over runs takes two"),
@@ -126,11 +126,11 @@ def test_what_is_written() -> None:
 @pytest.mark.parametrize(
     ("runs", "message"),
     [
-        ([], "there are no runs"),
-        (RUNS[1:], "seed 1 of fast in teams_2 is there 0 times"),
-        ([*RUNS, RUNS[0]], "seed 1 of fast in teams_2 is there 2 times"),
-        ([run_metrics("ffa_2", "fast", 0), run_metrics("ffa_2", "Fast", 0)], "Fast and fast are one name"),
-        ([run_metrics("ffa_2", "fast, big", 0)], "no name with a comma"),
+        ([], "runs for marl-eval are empty"),
+        (RUNS[1:], "seed 1 of fast in teams_2 occurs 0 times"),
+        ([*RUNS, RUNS[0]], "seed 1 of fast in teams_2 occurs 2 times"),
+        ([run_metrics("ffa_2", "fast", 0), run_metrics("ffa_2", "Fast", 0)], "Fast and fast are the same name"),
+        ([run_metrics("ffa_2", "fast, big", 0)], "cannot read a name that contains a comma"),
         ([dataclasses.replace(RUNS[0], steps={})], "teams_2, fast, seed 1 has 0 evaluations"),
         ([dataclasses.replace(RUNS[0], absolute={"wins": 1})], r"has metrics \['length', 'wins'\]: expected \['w"),
         ([dataclasses.replace(RUNS[0], absolute={"wins": math.nan, "length": 1})], "absolute metrics: wins = nan"),

@@ -156,7 +156,7 @@ def test_sides_have_networks_and_numbers_of_their_own(tmp_path: Path) -> None:
         ({"settings": {"seekr:n_epochs": 4}}, "there is no policy 'seekr' to train; did you mean seeker"),
         ({"networks": {"finder": Pooled}}, "networks: there is no policy 'finder' to train; did you mean hider"),
         ({"settings": {"seeker:gamma": 0.9}}, "seeker:gamma: all policies share gamma"),
-        ({"policies": "shared"}, "for one side, but all have one policy: take policies = 'side'"),
+        ({"policies": "shared"}, "of one side need policies of their own: take policies = 'side'"),
     ):
         with pytest.raises(TrainingError, match=words):
             trained("other", 1, **given)
@@ -248,11 +248,11 @@ def mean(batch: Any) -> Any:
         ({"loss": lambda batch: (mean(batch), {"approx_kl": 1.0})}, "figure 'approx_kl', which is logged anyway"),
         ({"loss": lambda batch: (mean(batch), [1.0])}, r"figures \[1.0\]: a dict by names"),
         ({"loss": lambda batch: (mean(batch), {f"f{id(batch)}": 1.0})}, "returns other figures than before"),
-        ({"loss": "squared"}, "loss = 'squared': a function is needed, of a batch"),
+        ({"loss": "squared"}, "loss = 'squared': must be a function that takes a batch"),
         ({"loss": lambda batch: mean(batch), "processes": 2}, r"loss = .*<lambda> cannot be imported"),
         ({"networks": NoLogs}, "NoLogs returns no log probabilities"),
         ({"networks": WideValues}, r"WideValues returns tensors of shapes .* are needed"),
-        ({"networks": Rows}, "networks = .*Rows.*: a subclass of outlast.training.policies.policy.Networks is needed"),
+        ({"networks": Rows}, "networks = .*Rows.*: must be a subclass of outlast.training.policies.policy.Networks"),
         ({"networks": lambda *sizes, **given: None}, "networks = .*<lambda> cannot be imported"),
         ({"networks": 3}, "networks = 3: a subclass of"),
     ],

@@ -93,7 +93,7 @@ def work(steps: int, **options: Any) -> Workload:
 def test_returns_of_agents_that_come_back_do_not_end_at_a_death() -> None:
     back = outlast.variant("ffa_2").with_(outlast.systems.Respawn()).replace(ending_rule="never", ending_limit=9)
     assert TrainingConfig(back, steps=1).dead == "keep"
-    with pytest.raises(TrainingError, match="dead = 'drop': agents come back here"):
+    with pytest.raises(TrainingError, match="dead = 'drop': agents respawn here"):
         TrainingConfig(back, steps=1, dead="drop")
 
 
@@ -238,10 +238,10 @@ def test_every_option_reaches_every_run() -> None:
         ("ffa_1 --jobs 2", "--jobs has no effect on one run: leave it out, or name several"),
         ("ffa_2 --sweep n_agents=2,3 --sweep agents_count=2,3", "agents_count is given twice"),
         ("ffa_2 --sweep gama=1,2", "did you mean gamma"),
-        ("ffa_2 --sweep melee_damage=1,1", "different values are needed, as in melee_damage=5,10,20"),
+        ("ffa_2 --sweep melee_damage=1,1", "different values, as in melee_damage=5,10,20"),
         ("ffa_2 --sweep gamma=0.9 --ppo gamma=1", "gamma is given twice"),
         ("ffa_2 --sweep heals_count=1,2 --save-scenario game.json", "--sweep makes several"),
-        ("ffa_2 --ppo gama=1", "PPO has no number 'gama'; did you mean gamma.$"),
+        ("ffa_2 --ppo gama=1", "PPO has no hyperparameter 'gama'; did you mean gamma.$"),
         ("ffa_2 --steps 1.5", "1.5: an integer of at least 0 is needed"),
         ("ffa_2 --memory 8 --rollout 2560", "--rollout 4096"),
     ],

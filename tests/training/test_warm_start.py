@@ -233,9 +233,9 @@ def test_an_annealed_number_follows_from_the_steps(tmp_path: Path) -> None:
         ("safe_zone_radii=1:2", "only a single number can be annealed"),
         ("rewards_kill=1", "NUMBER=FROM:TO or"),
         ("rewards_kill=a:b", "NUMBER=FROM:TO or"),
-        ("rewards_kill=inf:0", "finite numbers are needed"),
-        ("rewards_kill=1:0@0", "of STEPS a whole one of at least 1"),
-        ("heals_amount=1:40", "heals_amount varies from world to world; annealed, it would be one"),
+        ("rewards_kill=inf:0", "numbers must be finite"),
+        ("rewards_kill=1:0@0", "STEPS an integer of at least 1"),
+        ("heals_amount=1:40", "heals_amount varies from world to world; annealing sets one value for all"),
     ],
 )
 def test_what_cannot_be_annealed_is_refused(text: str, wrong: str) -> None:

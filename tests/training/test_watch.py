@@ -431,7 +431,7 @@ def test_without_torch_the_cure_is_reported(folder: Path) -> None:
 
 
 def test_folders_that_are_no_run_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(TrainingError, match=r"there is no folder .*nowhere"):
+    with pytest.raises(TrainingError, match=r"folder .*nowhere does not exist"):
         outlast_watch(tmp_path / "nowhere")
     for name in ("b", "a"):
         (tmp_path / name).mkdir()

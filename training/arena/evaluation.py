@@ -203,7 +203,7 @@ def evaluate(
         threads: Threads that share the worlds, with the same results.
         out: Write the tables to this folder, as CSV and JSON, after each pairing.
         film: Whether to write a film and a page of a typical episode of each pairing beside the tables, too.
-        quiet: Whether to hide the progress bar.
+        quiet: Whether to show no progress bar.
         **numbers: Numbers of the scenario to change, as in melee_damage=20.
 
     Returns:

@@ -85,12 +85,12 @@ def train(
     Args:
         scenario: A Scenario or the name of one: "ffa_2", "mygame.py:arena".
         folder: Folder of the run, or the folder around those of several runs (default runs/VARIANT-PRESET-SEED).
-        resume: Whether to go on from the newest checkpoint in the folder of the run.
+        resume: Whether to resume from the newest checkpoint in the folder of the run.
         film: Whether to make a short film of each checkpoint, a .webm file beside it.
         quiet: Whether to show no progress bar.
         cluster: Have all processes but the first on the Ray cluster at ADDRESS; without ADDRESS, on that of
-            $RAY_ADDRESS, the one on this machine, or a new one here (default: no cluster). "" is no ADDRESS.
-        callbacks: Objects with some of the methods of outlast.training.runs.run.Callbacks, called as the run goes on.
+            $RAY_ADDRESS, the one on this machine, or a new one here (default: no cluster). "" stands for no ADDRESS.
+        callbacks: Objects with some of the methods of outlast.training.runs.run.Callbacks, called during the run.
         preset: Networks, numbers of PPO and size of a rollout: fast; original, what the paper's authors ran; paper,
             what the paper's text says; scaled, which is paper with inputs of about -1 to 1; with policies=side, one
             side can have another one, as in fast,seeker:paper.
@@ -109,23 +109,23 @@ def train(
             as in seeker:ent_coef=0.01: learning_rate, anneal_lr, batch_size, n_epochs, gamma, gae_lambda, clip_range,
             ent_coef, vf_coef, max_grad_norm, target_kl, scale_rewards. As a dict: {"gamma": 0.999}.
         policies: Train one policy for all agents (shared), one for each side, or one for each agent.
-        opponents: Whom the agents play against, with weights, as in self:0.5,past:0.5. self is the policy itself, past
+        opponents: The opponents of the agents, with weights, as in self:0.5,past:0.5. self is the policy itself, past
             one of its earlier selves; also random, noop, scripted, camper, hunter, hoarder, healer, a model's name,
             FILE.zip, FILE.safetensors or the folder of a run (default self). Also as a dict: {"self": 0.5, "past":
             0.5}.
         prioritised: Whether to draw an opponent the more often, the more games it wins.
         snapshots: With opponent past: number of updates until another earlier self is kept.
         processes: Processes that share the worlds of a run, with the same results up to rounding.
-        memory: How many numbers each agent remembers from step to step (default 0: no memory).
-        critic: Learn values from what the agent observes (own), or from that and the state of the whole world (state).
+        memory: Size of each agent's memory, in numbers kept from step to step (default 0: no memory).
+        critic: Learn values from what the agent observes (own), or from that and the state of the world (state).
         warm_start: Begin by imitating scripted, camper, hunter, hoarder, healer (for STEPS agent-steps, by default
             1.5e6) or FILE.zip:STEPS, or begin with the weights of FILE.zip; the folder of a run stands for its newest
             file (default: no such start).
         anneal: Change a number of the game linearly during training: rewards_kill=10:0@5e6 goes from 10 to 0 in the
-            first 5 million agent-steps, and without @5e6 in the whole run. As a text, or a list of several.
+            first 5 million agent-steps, and without @5e6 over the length of the run. As a text, or a list of several.
         levels: A function that chooses the levels to train in, called before each rollout with an
             outlast.training.ppo.curriculum.TrainingProgress; None: worlds draw their own.
-        loss: What is minimised: a function of an outlast.training.ppo.minibatches.Batch; None: PPO's loss.
+        loss: The loss: a function of an outlast.training.ppo.minibatches.Batch; None: PPO's loss.
         networks: The class of the networks, an outlast.training.policies.policy.Networks, or a dict of classes by side;
             None: those of the preset.
         **numbers: Numbers of the scenario to change, as in melee_damage=20.
