@@ -31,8 +31,8 @@ def run(folder: Path, name: str = "ffa_2", text: str = LINES, **plan: Any) -> li
     ("changes", "reason"),
     [
         ({"name": "ffa_2+../../../evil"}, "is no run of the paper's"),
-        ({"seed": "../evil"}, "its plan is none"),
-        ({"seed": 1.5}, "its plan is none"),
+        ({"seed": "../evil"}, "its plan is invalid"),
+        ({"seed": 1.5}, "its plan is invalid"),
         ({"dead": "$\\frac"}, "its plan cannot be"),
         ({"dead": "\x1b[31m"}, "its plan cannot be"),
         ({"settings": {"gamma": {}}}, "its plan cannot be"),

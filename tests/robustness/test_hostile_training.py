@@ -140,29 +140,29 @@ def random_at(rest: Any, left: int, place: int) -> None:
     state[8:12], state[16:24] = np.array([left], "<i4").view(np.uint8), np.array([place], "<i8").view(np.uint8)
 
 
-NO_REWARDS = "rewards in rest.safetensors of the checkpoint is not what a run goes on with"
+NO_REWARDS = "rewards in rest.safetensors of the checkpoint does not fit the run"
 RESTS: dict[str, tuple[Callable[[Any], Any], str]] = {
-    "nothing": (lambda rest: {"updates": 1}, "is not what a run goes on with"),
-    "a list": (lambda rest: [1], "is not what a run goes on with"),
-    "updates": (lambda rest: rest.update(updates="1"), "is not what a run goes on with"),
-    "many updates": (lambda rest: rest.update(updates=2**70), "is not what a run goes on with"),
-    "epochs": (lambda rest: rest["learners"][0].update(epochs=-1), "is not what a run goes on with"),
-    "more": (lambda rest: rest.update(more=torch.zeros(3)), "is not what a run goes on with"),
-    "more of a learner": (lambda rest: rest["learners"][0].update(a=torch.zeros(3)), "is not what a run goes on with"),
+    "nothing": (lambda rest: {"updates": 1}, "does not fit the run"),
+    "a list": (lambda rest: [1], "does not fit the run"),
+    "updates": (lambda rest: rest.update(updates="1"), "does not fit the run"),
+    "many updates": (lambda rest: rest.update(updates=2**70), "does not fit the run"),
+    "epochs": (lambda rest: rest["learners"][0].update(epochs=-1), "does not fit the run"),
+    "more": (lambda rest: rest.update(more=torch.zeros(3)), "does not fit the run"),
+    "more of a learner": (lambda rest: rest["learners"][0].update(a=torch.zeros(3)), "does not fit the run"),
     "more of opponents": (
         lambda rest: rest["opponents"].update(a=torch.zeros(3)),
         "opponents in .* do not fit the run",
     ),
-    "no generator": (lambda rest: rest["learners"][0].pop("minibatches"), "is not what a run goes on with"),
+    "no generator": (lambda rest: rest["learners"][0].pop("minibatches"), "does not fit the run"),
     "no moment": (lambda rest: rest["learners"][0]["optimiser"]["0"].pop("step"), "optimiser 0 in .* is not what a"),
     "a shape": (lambda rest: moment(rest, "exp_avg", torch.zeros(3)), r"optimiser 0 exp_avg .*\(3,\): .* is needed"),
     "a type": (lambda rest: moment(rest, "step", torch.zeros((), dtype=torch.int64)), "step .* is torch.int64"),
     "a time": (lambda rest: moment(rest, "step", torch.tensor(float("nan"))), "optimiser 0 step .* is not finite"),
     "the past": (lambda rest: moment(rest, "step", torch.tensor(-1.0)), "step of parameter 0 .* is -1"),
-    "a name": (lambda rest: moment(rest, "more", torch.zeros(3)), "optimiser 0 in .* is not what a run goes on with"),
+    "a name": (lambda rest: moment(rest, "more", torch.zeros(3)), "optimiser 0 in .* does not fit the run"),
     "a parameter": (lambda rest: rest["learners"][0]["optimiser"].pop("1"), "optimiser in .* is not what a run"),
-    "a generator": (lambda rest: random_at(rest, 624, 624), "in a state that cannot be"),
-    "left": (lambda rest: random_at(rest, -1, 5), "in a state that cannot be"),
+    "a generator": (lambda rest: random_at(rest, 624, 624), "in an invalid state"),
+    "left": (lambda rest: random_at(rest, -1, 5), "in an invalid state"),
     "no rewards": (lambda rest: rest.update(rewards=None), NO_REWARDS),
     "rewards": (lambda rest: rest.update(rewards=[1.0]), NO_REWARDS),
     "more rewards": (lambda rest: rewards(rest, more=1.0), NO_REWARDS),
@@ -179,7 +179,7 @@ RESTS: dict[str, tuple[Callable[[Any], Any], str]] = {
     "count": (lambda rest: rewards(rest, count=-1.0), "rewards count .* beyond 0 to 1e\\+60"),
     "no lane": (
         lambda rest: rest.update(lane=None),
-        "lane in rest.safetensors of the checkpoint is not what a run goes on with",
+        "lane in rest.safetensors of the checkpoint does not fit the run",
     ),
     "an opponent": (
         lambda rest: rest["lane"]["opponent"].fill_(3),
@@ -230,7 +230,7 @@ RESTS: dict[str, tuple[Callable[[Any], Any], str]] = {
     ),
     "many pasts": (
         lambda rest: [past(rest, k) for k in range(7, 1007)],
-        "is not what a run goes on with: it is too small for 1000 past selves",
+        "does not fit the run: it is too small for 1000 past selves",
     ),
     "a number of a past": (
         lambda rest: rest["opponents"]["past"].update({"07": {"name": "past@16", "drawn": True, "weights": []}}),
@@ -317,7 +317,7 @@ def test_weights_of_something_else_are_refused(trainer: Trainer, files: Files) -
     ):
         with pytest.raises(TrainingError, match=reason):
             resume.restore(trainer, files | {WEIGHTS: checkpoint.policies_content([given])})
-    with pytest.raises(TrainingError, match="the checkpoint has 2 policies; here are 1"):
+    with pytest.raises(TrainingError, match="the checkpoint has 2 policies, but the run 1"):
         resume.restore(trainer, files | {WEIGHTS: checkpoint.policies_content([weights, weights])})
     for tensors in ({}, {"a": np.zeros(3)}, {"1.a": np.zeros(3)}):
         with pytest.raises(TrainingError, match=r"its tensors are not called 0\.NAME"):

@@ -174,7 +174,7 @@ def test_a_full_disk_ends_all(tmp_path: Path) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
     run.log.write = full  # type: ignore[method-assign]
-    with pytest.raises(TrainingError, match="No space left on device; make room there, and go on with --resume"):
+    with pytest.raises(TrainingError, match="No space left on device; free some space, and continue with --resume"):
         run.train()
     assert stopped(run)
     assert newest(tmp_path).name == CHECKPOINT.format(0)
@@ -275,7 +275,7 @@ def test_a_signal_to_all_saves_and_ends_all(tmp_path: Path, number: int, status:
         os.killpg(process.pid, number)  # as a terminal does, and a cluster
         output, _ = process.communicate(timeout=PATIENCE)
     assert process.returncode == status
-    assert "outlast: stopped: go on with --resume" in output
+    assert "outlast: stopped: continue with --resume" in output
     assert "Traceback" not in output
     assert "trained " in output
     until(lambda: not any(map(lives, others)))

@@ -251,10 +251,10 @@ def test_what_is_no_group_of_runs_is_refused(tmp_path: Path) -> None:
     )
     refused([one, folder(tmp_path / "d")], "are the same run, or both of seed 0: give one")
     assert len(load_runs([one, tmp_path / "one"])) == 1  # a place that is named twice
-    refused([tmp_path / "none"], "there is no .*none")
+    refused([tmp_path / "none"], "folder .*none does not exist")
     empty = tmp_path / "empty"
     empty.mkdir()
-    refused([empty], "there are no runs in")
+    refused([empty], "does not hold runs")
     log(empty, LINES)
     refused([empty], r"has no run.json, which describes the run")
     for content in (b"no JSON", b"\xff", b"[" * 99999, b"[]", b'{"plan": {}}'):
@@ -448,9 +448,9 @@ def test_runs_that_are_kept_already_stay(tmp_path: Path) -> None:
     assert [run.seed for run in load_runs([tmp_path / "kept"])] == [7, 8]
     assert [run.seed for run in load_runs([tmp_path / "kept/ffa_2-original-8"])] == [8]
     for place, message in (
-        ("kept/ffa_2-original-9", "has no run ffa_2-original-9, but ffa_2-original-7, ffa_2-original-8"),
+        ("kept/ffa_2-original-9", "has no run ffa_2-original-9; known: ffa_2-original-7, ffa_2-original-8"),
         (f"kept/{FILE}", "is a file: give the folder of a run, or one with runs in it"),
-        ("none/ffa_2-original-8", "there is no folder"),
+        ("none/ffa_2-original-8", "folder .*none/ffa_2-original-8 does not exist"),
     ):
         with pytest.raises(TrainingError, match=message):
             load_runs([tmp_path / place])
@@ -565,7 +565,7 @@ def test_the_title_has_what_was_changed(tmp_path: Path) -> None:
 def test_what_chooses_levels_is_known_by_its_name_only(tmp_path: Path) -> None:
     run(tmp_path / "a", levels="mk.<locals>.choose"), run(tmp_path / "b", seed=1, levels="mk.<locals>.choose")
     (note,) = compare([tmp_path]).notes()
-    assert note.endswith("by the name of what chooses levels only: mk.<locals>.choose")
+    assert note.endswith("in the function that chooses levels: mk.<locals>.choose")
 
 
 def test_games_are_named_first_where_they_and_presets_differ(tmp_path: Path) -> None:
@@ -671,10 +671,10 @@ def test_over_hours_a_mean_ends_where_the_first_run_does(tmp_path: Path) -> None
     assert places[[0, -1]] == pytest.approx([10, 40])  # seconds
     assert axes[0].get_xlim() == pytest.approx((0, 40))
     assert heights[-1] == pytest.approx((20 + 0.5 * 4) / 2)
-    assert any("means over runs, to where the first of them ends" in text.get_text() for text in made.texts)
+    assert any("means over runs, up to the end of the shortest" in text.get_text() for text in made.texts)
     made, axes = drawn_axes(tmp_path, curves=("length",))
     assert axes[0].lines[0].get_ydata()[-1] == pytest.approx(20)  # over agent-steps, of the longer run alone
-    assert any("means over the runs that have come so far" in text.get_text() for text in made.texts)
+    assert any("means over the runs that are this long" in text.get_text() for text in made.texts)
 
 
 def test_tags_are_titles_as_they_are_and_ratings_fill_their_panel(tmp_path: Path) -> None:
@@ -730,7 +730,7 @@ def test_runs_without_an_episode_are_left_out_with_a_line(tmp_path: Path, caplog
         assert [each.origin.name for each in load([tmp_path])] == ["a"]
     assert len(caplog.messages) == 2
     assert f"left out: {tmp_path / 'b/log.csv'} has no rollout/steps: no episode has ended" in caplog.messages[0]
-    with pytest.raises(TrainingError, match=r"there is nothing to draw: .*no episode has ended"):
+    with pytest.raises(TrainingError, match=r"nothing can be drawn: .*no episode has ended"):
         load([tmp_path / "b"])
 
 
@@ -749,8 +749,8 @@ def test_a_run_is_unfinished_by_what_it_was_last_asked_for_where_its_plan_may_go
 def test_the_command_says_what_it_cannot_do(tmp_path: Path, capsys) -> None:
     run(tmp_path / "a")
     for words, reason in (
-        ((str(KEPT), "--x", "time"), "does not say how long it took"),
-        (("--by", "nothing"), "no such setting"),
+        ((str(KEPT), "--x", "time"), "has no record of its duration"),
+        (("--by", "nothing"), "unknown setting"),
         (("--curves", "nothing"), "no curve 'nothing'"),
     ):
         assert main(["plot", str(tmp_path / "a"), *words, "--out", str(tmp_path / "out")]) == 2

@@ -155,7 +155,7 @@ def test_a_run_that_was_killed_before_its_first_checkpoint_begins_again(whole: F
     (tmp_path / ".log.csv-0123abcd.tmp").write_text("half")
     with (tmp_path / "log.csv").open("a") as log:
         log.write("train/loss,384,0.5\ntrain/lo")
-    with pytest.raises(TrainingError, match="is not empty: go on with --resume"):
+    with pytest.raises(TrainingError, match="is not empty: take --resume"):
         TrainingRun(config(2 * EACH), tmp_path)
     for changes, words in (
         ({"seed": 4}, "was begun with seed = 3, not 4"),
@@ -389,7 +389,7 @@ def test_a_run_that_another_process_trains_is_left(
         return runs.prepared(*given)
 
     monkeypatch.setattr(runs, "prepared", slowly)
-    with pytest.raises(TrainingError, match="another process has trained this run in the meantime; go on"):
+    with pytest.raises(TrainingError, match="another process has just trained this run; continue"):
         TrainingRun(config(3 * EACH), folder, resume=again)
     assert_same(folder, whole(2))
 
@@ -416,16 +416,16 @@ def test_the_files_of_a_checkpoint(begun: Folders) -> None:
 
 
 def test_what_cannot_be_resumed_is_refused_and_left_alone(begun: Folders, tmp_path: Path) -> None:
-    with pytest.raises(TrainingError, match="nothing to resume in"):
+    with pytest.raises(TrainingError, match="does not hold a run to resume"):
         resume(tmp_path / "none", 1)
     assert not (tmp_path / "none").exists()
     folder = begun(1)
     before = {path: path.read_bytes() for path in folder.iterdir()}
-    with pytest.raises(TrainingError, match="is not empty: go on with --resume"):
+    with pytest.raises(TrainingError, match="is not empty: take --resume"):
         TrainingRun(config(EACH), folder)
     for changes, words in (
         ({"worlds": 4}, "was begun with worlds = 8, not 4"),
-        ({"preset": "fast"}, "begun with preset = original, not fast.*: go on with the same, or .* --out"),
+        ({"preset": "fast"}, "begun with preset = original, not fast.*: resume with the same, or .* --out"),
         ({"scenario": SHORT.replace(agents_health=11)}, "another scenario .*: agents_health is 10 there and 11 here"),
     ):
         with pytest.raises((TrainingError, StateError), match=words):

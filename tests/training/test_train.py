@@ -70,11 +70,11 @@ def test_settings_are_texts_or_what_they_stand_for(tmp_path: Path, monkeypatch) 
         ({"settings": {"gama": 0.9}}, "did you mean gamma"),
         ({"opponents": "slef"}, "did you mean self"),
         ({"critic": "world"}, "critic = 'world': allowed are 'own', 'state'"),
-        ({"anneal": None}, "anneal = None: a text or a list of texts is needed, as in 'rewards_kill=10:0@5e6'"),
-        ({"settings": "gamma=0.9"}, "settings = 'gamma=0.9': numbers of PPO by name are needed, as in"),
-        ({"opponents": {max: 1, "self": 1}}, "opponents: <built-in function max> is no opponent of training: names or"),
-        ({"opponents": ["self", "past"]}, r"opponents = \['self', 'past'\]: names .* {'self': 1, 'runs/a': 1}"),
-        ({"warm_start": max}, "warm_start = <built-in function max>: a name, such as 'scripted', or the path of a"),
+        ({"anneal": None}, "anneal = None: must be a text or a list of texts, as in 'rewards_kill=10:0@5e6'"),
+        ({"settings": "gamma=0.9"}, "settings = 'gamma=0.9': must be numbers of PPO by name, as in"),
+        ({"opponents": {max: 1, "self": 1}}, "<built-in function max> is not an opponent: they must be names or"),
+        ({"opponents": ["self", "past"]}, r"opponents = \['self', 'past'\]: must be names .* {'self': 1, 'runs/a': 1}"),
+        ({"warm_start": max}, "<built-in function max>: must be a name, such as 'scripted', or the path of a"),
         ({"processes": 1.5}, "processes = 1.5: an integer >= 1 is needed"),
         ({"opponents": "self,past", "prioritised": "no"}, "prioritised = 'no': allowed are True and False"),
         ({"levels": lambda progress: []}, "ffa_1 has no levels to choose, .*: vary some"),
@@ -157,7 +157,7 @@ def test_several_go_on_and_a_failure_is_reported(tmp_path: Path, capsys) -> None
     assert outlast_train("ffa_1", "--steps", "2048", *small) == 2
     output = capsys.readouterr().out
     assert "ffa_1-original-0: outlast: " in output
-    assert "is not empty: go on with --resume" in output
+    assert "is not empty: take --resume" in output
     assert "ffa_1-original-1: trained 2,048 agent-steps" in output
     assert outlast_train("ffa_1", "--steps", "2048", "--resume", *small) == 0
     assert names(tmp_path / "ffa_1-original-0") == [CHECKPOINT.format(n) for n in (1024, 2048)]
@@ -209,7 +209,7 @@ def test_a_run_that_was_killed_failed(tmp_path: Path, capsys) -> None:
     """Also beside others that end well."""
     runs = [kind(tmp_path / name, ["--help"], resume=False) for kind, name in ((Killed, "killed"), (ChildRun, "well"))]
     assert side_by_side(runs, 2, LiveView(0, 1, quiet=True), lambda: 0) == 128 + signal.SIGKILL
-    assert "killed: ended by signal 9: ended without a word" in capsys.readouterr().out
+    assert "killed: ended by signal 9: ended without output" in capsys.readouterr().out
 
 
 def test_every_option_reaches_every_run() -> None:
@@ -312,7 +312,7 @@ def test_asked_or_stopped_all_of_them_save(tmp_path: Path, number: int, status: 
             os.kill(pid, number)
         out, err = process.communicate(timeout=100)
     assert process.returncode == status
-    assert err.strip() == "outlast: stopped: go on with --resume"
+    assert err.strip() == "outlast: stopped: continue with --resume"
     assert out.count(": trained ") == 2
     assert all(names(log.parent) for log in logs)
 

@@ -266,7 +266,7 @@ def log(folder: Path, *rows: tuple[str, int, float]) -> Path:
 
 def test_it_waits_for_the_first_checkpoint_and_plays_it(watched: RunWatcher, folder: Path, policy: Path) -> None:
     status = watched.status()
-    assert status["message"] == f"There is no checkpoint in {folder} yet: the first one will be played."
+    assert status["message"] == f"{folder} has no checkpoint yet: the first one will be played."
     assert (status["newest"], status["episode"], watched.episode(), status["figures"]) == (None, None, None, [])
     add(folder, 1024, policy)
     status = until(watched, lambda status: bool(status["episode"]))
@@ -340,7 +340,7 @@ def test_checkpoints_and_folders_may_vanish(watched: RunWatcher, folder: Path, p
     add(folder, 1024, policy)
     until(watched, lambda status: bool(status["episode"]))
     shutil.rmtree(folder)
-    assert watched.status()["message"] == f"There is no folder {folder} any more."
+    assert watched.status()["message"] == f"The folder {folder} does not exist any more."
     assert watched.episode() is not None
 
 
@@ -530,7 +530,7 @@ def test_mechanics_of_others_are_used_where_they_are_imported(monkeypatch) -> No
     ("change", "words"),
     [
         ({"numbers": {"melee_damage": "much"}}, "melee.damage = 'much'"),
-        ({"numbers": {"agents_count": 10**9}}, "cannot be made from a checkpoint"),
+        ({"numbers": {"agents_count": 10**9}}, "cannot be rebuilt from a checkpoint"),
         ({"numbers": {"physics_substeps": 10**9}}, "physics.substeps = 1000000000: must be"),
     ],
 )
@@ -579,7 +579,7 @@ def test_what_goes_wrong_is_logged_and_ends_nothing(tmp_path: Path, caplog, cont
     with caplog.at_level(logging.WARNING, "outlast"):
         assert film_checkpoint(tmp_path / "steps_1.zip", tmp_path) == []
         assert film_checkpoint(KEPT / "ffa_2/original-0.safetensors", tmp_path / "steps_1.zip" / "films") == []
-    assert caplog.text.count("there is no film of") == 2
+    assert caplog.text.count("no film of") == 2
     assert [path.name for path in tmp_path.iterdir()] == ["steps_1.zip"]
 
 

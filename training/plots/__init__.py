@@ -1,1 +1,1 @@
-"""Comparing runs: curves of several settings in one figure, and a table of their end values. Needs no PyTorch."""
+"""Comparing runs: curves of several settings in one figure, and a table of end values. Does not need PyTorch."""

@@ -24,8 +24,8 @@ class Comparison:
     Attributes:
         groups: Groups of runs that differ by seeds, in order.
         panels: The curves.
-        x: What they are drawn over, one of AXES.
-        files: The paths of the files that were written.
+        x: Quantity of the horizontal axis, one of AXES.
+        files: Paths of the files written.
     """
 
     groups: tuple[RunGroup, ...]
@@ -40,7 +40,7 @@ class Comparison:
 
     @property
     def title(self) -> str:
-        """Return what all runs have in common, and how many runs there are."""
+        """Return the settings that all runs share, and the number of runs."""
         parts = [
             common(self.runs, lambda run: run.label or run.scenario) or common(self.runs, lambda run: run.scenario)
         ]
@@ -55,13 +55,13 @@ class Comparison:
 
     @property
     def drawn_how(self) -> str:
-        """A description of how curves are drawn."""
+        """A description of the curves and bands."""
         several = any(len(group.runs) > 1 for group in self.groups)
         single = any(len(group.runs) == 1 for group in self.groups)
         longer = any(len({run.steps for run in group.runs}) > 1 for group in self.groups)
-        over = "means over the runs that have come so far" if longer else "means over runs"
+        over = "means over the runs that are this long" if longer else "means over runs"
         if self.x == "time":
-            over = "means over runs, to where the first of them ends"
+            over = "means over runs, up to the end of the shortest"
         parts = ["Lines: moving averages over 5 % of the points" + f", {over}" * several]
         parts += ["bands: from the lowest to the highest run"] * several
         if single and self.faint:
@@ -69,13 +69,13 @@ class Comparison:
         return "; ".join(parts)
 
     def notes(self) -> list[str]:
-        """Return sentences about what a reader must know: runs averaged although they differ, and unfinished runs."""
+        """Return notes for the reader: runs averaged although they differ, and unfinished runs."""
         notes = [f"{group.label}: averaged over {', '.join(group.mixed)}, too" for group in self.groups if group.mixed]
         told = {*self.groups[0].values, *(name for group in self.groups for name in group.mixed)}
         notes += [f"Groups differ in {', '.join(unsaid)}, too"] if (unsaid := untold(self.runs, told)) else []
         later = [run for group in self.groups for run in group.runs[1:]]
         choosers = {str(run.plan["levels"]) for run in later if run.plan.get("levels")}
-        notes += [f"Runs are told apart by the name of what chooses levels only: {', '.join(sorted(choosers))}"] * bool(
+        notes += [f"Runs differ only in the function that chooses levels: {', '.join(sorted(choosers))}"] * bool(
             choosers
         )
         short = [run for group in self.groups for run in group.unfinished]
@@ -85,7 +85,7 @@ class Comparison:
         return [*notes, unfinished] if short else notes
 
     def ends(self, group: RunGroup) -> Iterator[tuple[float, ...]]:
-        """Yield, for each curve, its end value in each run of a group that counts and has it, in order of seeds."""
+        """Yield, for each curve, its end value in each counted run of a group that has it, in order of seeds."""
         curves = [drawn(run, self.panels) for run in group.ended]
         for panel in self.panels:
             yield tuple(end_value(one.values[panel.name]).mean for one in curves if panel.name in one.values)
@@ -115,7 +115,7 @@ class Comparison:
         return csv_text([*self.groups[0].values, *heads], rows)
 
     def digest(self) -> str:
-        """Return a digest of what the figure shows."""
+        """Return a digest of the content of the figure."""
         total = hashlib.blake2b(f"{self.title} {self.x}".encode(), digest_size=16)
         for group in self.groups:
             total.update(json.dumps([group.label, group.mixed]).encode())

@@ -1,4 +1,4 @@
-"""Figures: how they look and become files, lines of runs in panels, and the figure of a comparison. By matplotlib."""
+"""Figures: style and files, lines of runs in panels, and the figure of a comparison. By matplotlib."""
 
 import io
 import re
@@ -34,24 +34,24 @@ STYLE: dict[Any, Any] = {
     "xtick.color": GREY,
     "ytick.color": GREY,
     "text.color": "#26292f",
-    "svg.hashsalt": "outlast",  # so that the same picture gives the same file
+    "svg.hashsalt": "outlast",  # the same picture gives the same file
 }
 WIDTH, PANEL = 7.6, 2.35  # inches: of the figure; height of a row of panels
-COLUMNS, BESIDE = 2, 4  # in a row, at most: panels; entries of the legend
+COLUMNS, BESIDE = 2, 4  # maximum in a row: panels; entries of the legend
 LINE = 125  # characters of a line of a note
 STEPS = ((1e6, "million agent-steps"), (1e3, "thousand agent-steps"), (1.0, "agent-steps"))
 HOURS = ((1.0, "hours of training"), (1 / 60, "minutes of training"), (1 / 3600, "seconds of training"))
 ROW, LETTER = 0.2, 0.085  # inches: height of a line of text, width of a letter in the legend
-# Colours of Okabe and Ito, which people with any colour vision can tell apart, also in grey; without their yellow.
+# Colours of Okabe and Ito, which are distinct with any colour vision, also in grey; without their yellow.
 INKS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#56b4e9", "#e69f00", "#000000")
 DASHES = ("-", (0, (3.5, 1.4)), (0, (1.2, 1.2)), (0, (5, 1.2, 1.2, 1.2)))
 
 
 def encoded(draw: Callable[[], Figure], form: str, about: dict[str, str], colours: int = 256) -> bytes:
-    """Encode the figure that `draw` makes as a file, "png" or "svg": the same figure gives the same bytes.
+    """Return the figure of `draw` as the content of a file, "png" or "svg": the same figure gives the same bytes.
 
-    about: Kept in the file: "Title", and "Source", a digest of what is shown. colours: How many colours a PNG has, at
-    most 256: it takes a quarter of the bytes that it would with all.
+    about: Stored in the file: "Title", and "Source", a digest of the content. colours: Number of colours of a PNG, at
+    most 256, which take a quarter of the bytes of true colour.
     """
     content = io.BytesIO()
     with matplotlib.rc_context(STYLE):
@@ -69,7 +69,7 @@ def encoded(draw: Callable[[], Figure], form: str, about: dict[str, str], colour
 
 
 def figure_of(width: float, height: float, **options: Any) -> Figure:
-    """Make an empty figure of this size, in inches."""
+    """Create an empty figure of this size, in inches."""
     figure = Figure(figsize=(width, height), **options)
     FigureCanvasAgg(figure)
     return figure
@@ -81,12 +81,12 @@ def colour(rgb: tuple[int, int, int]) -> str:
 
 
 def look(number: int) -> tuple[str, Any]:
-    """Return colour and dashes of a group; when the colours begin again, the dashes are different."""
+    """Return the colour and dashes of a group; when colours repeat, dashes differ."""
     return INKS[number % len(INKS)], DASHES[number // len(INKS) % len(DASHES)]
 
 
 def literal(text: str) -> str:
-    """Escape a text, so that $ begins no formula."""
+    """Escape a text, so that $ does not begin a formula."""
     return text.replace("$", r"\$")
 
 
@@ -97,7 +97,7 @@ class Line(NamedTuple):
     name: str
     ink: str
     dash: Any
-    points: bool = True  # whether those of a single run are shown
+    points: bool = True  # whether the points of a single run are shown
     common: bool = False  # see `average`
     front: int = 3
     width: float = 1.7
@@ -106,7 +106,7 @@ class Line(NamedTuple):
 def plot_line(axes: Axes, line: Line) -> None:
     """Draw the moving average over runs; behind it the points of a single run, or the range of several."""
     found = average(line.runs, line.name, common=line.common)
-    if not len(found.steps):  # one has ended before another has begun
+    if not len(found.steps):  # one ends before another begins
         return
     looks: dict[str, Any] = {"color": line.ink, "linestyle": line.dash, "zorder": line.front}
     marker = "o" if len(found.steps) == 1 else ""
@@ -119,7 +119,7 @@ def plot_line(axes: Axes, line: Line) -> None:
 
 
 def finish(axes: Axes, *, from_0: bool = True) -> None:
-    """Let heights begin at 0 if nothing is below; but not those of ratings, of which only differences mean anything."""
+    """Start the vertical axis at 0 if all values are above; not for ratings, where only differences matter."""
     _, high = axes.get_ylim()
     lines = [np.asarray(line.get_ydata(), float) for line in axes.lines]
     if from_0 and lines and min(np.nanmin(line) for line in lines) >= 0:
@@ -138,7 +138,7 @@ def write_notes(figure: Figure, title: str, notes: Sequence[str]) -> None:
 
 
 def entry(label: str, ink: str, dash: Any = "-") -> Line2D:
-    """Make an entry of a legend."""
+    """Create an entry of a legend."""
     return Line2D([], [], color=ink, linestyle=dash, linewidth=2.2, label=literal(label))
 
 
@@ -185,7 +185,7 @@ def _curves(comparison: Comparison, group: RunGroup) -> Iterator[tuple[Array, di
 
 
 def _axis(comparison: Comparison) -> tuple[float, float, str]:
-    """Return the end of the axis, what its values are divided by, so that its numbers are short, and its label."""
+    """Return the end of the axis, the divisor that makes its numbers short, and its label."""
     if comparison.x == "steps":
         longest = float(max(run.steps for run in comparison.runs))
         units = STEPS
@@ -227,5 +227,5 @@ class _Head:
 
 
 def _wrapped(label: str, width: int) -> str:
-    """Return the label in lines of at most `width` characters, which end at commas if it has some."""
+    """Return the label in lines of at most `width` characters, which end at commas if possible."""
     return label if len(label) <= width else textwrap.fill(re.sub(",(?! )", ", ", label), width)

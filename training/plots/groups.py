@@ -11,15 +11,15 @@ from ..base.hyperparameters import Hyperparameters
 from .runs import ABSENT, PRESET, SCENARIO, Run, shown
 
 SEED = "seed"
-OF_PRESET = {*asdict(Hyperparameters()), "rollout", "steps", "cameras_mode"}  # what comes with a preset
+OF_PRESET = {*asdict(Hyperparameters()), "rollout", "steps", "cameras_mode"}  # settings that come with a preset
 
 
 @dataclass(frozen=True)
 class RunGroup:
     """Runs of one setting, in order of seeds.
 
-    values: The settings that set it apart, as texts by name; empty if there is only one group. mixed: Settings in which
-    its own runs differ, which happens if groups are asked for by other settings.
+    values: The settings that distinguish it, as texts by name; empty if it is the only group. mixed: Settings in which
+    its own runs differ, possible if groups are formed by other settings.
     """
 
     runs: tuple[Run, ...]
@@ -28,19 +28,19 @@ class RunGroup:
 
     @property
     def label(self) -> str:
-        """Its name in legends and tables: "melee_damage=20"; for a scenario and a preset, their names alone."""
+        """Its name in legends and tables: "melee_damage=20"; for a scenario and a preset, only their names."""
         plain = (SCENARIO, PRESET)
         texts = (value if name in plain else f"{name}={value}" for name, value in self.values.items())
         return ", ".join(texts) or common(self.runs, lambda run: run.label) or self.runs[0].scenario
 
     @property
     def ended(self) -> tuple[Run, ...]:
-        """The runs whose end values count: those that are finished (see `unfinished`), or all if none is."""
+        """The runs whose end values count: the finished ones (see `unfinished`), or all if none is finished."""
         return tuple(run for run in self.runs if run not in self.unfinished) or self.runs
 
     @property
     def unfinished(self) -> tuple[Run, ...]:
-        """Runs shorter than was asked for; if that is not recorded, shorter than 9/10 of the longest run."""
+        """Runs shorter than requested; if that is not recorded, shorter than 9/10 of the longest run."""
         longest = max(run.steps for run in self.runs)
         return tuple(run for run in self.runs if run.steps < (0.9 * longest if run.asked is None else run.asked))
 
@@ -48,8 +48,8 @@ class RunGroup:
 def group_runs(runs: Sequence[Run], by: Sequence[str] = ()) -> list[RunGroup]:
     """Put runs into groups, in order of their values.
 
-    by: Names of settings that set groups apart; if there are none, runs of a group differ by seeds only. Raises
-    TrainingError: there is no such setting, or two runs are the same one.
+    by: Names of settings that distinguish groups; if empty, runs of a group differ by seeds only. Raises TrainingError:
+    a setting is unknown, or two runs are the same one.
     """
     if by:
         _check_names(runs, by)
@@ -82,10 +82,10 @@ def differing(runs: Sequence[Run]) -> list[str]:
 
 
 def telling(runs: Sequence[Run]) -> list[str]:
-    """Return settings that tell apart all runs that differ in any setting.
+    """Return settings that distinguish all runs that differ in any setting.
 
-    The game's name and the preset are among them whenever they differ; of the game's numbers, and then of everything
-    else, there are as few as a greedy choice finds.
+    The game's name and the preset are included whenever they differ; of the game's numbers, and then of all other
+    settings, there are as few as a greedy choice finds.
     """
     names = differing(runs)
     numbers = [name for name in names if name not in OF_PRESET and any(name in run.numbers for run in runs)]
@@ -98,7 +98,7 @@ def telling(runs: Sequence[Run]) -> list[str]:
 
 
 def untold(runs: Sequence[Run], told: Collection[str] = ()) -> list[str]:
-    """Return settings in which runs differ, without those that are told already and those that come with them.
+    """Return settings in which runs differ, without those of `told` and those implied by them.
 
     With a game's name come its numbers, or the other way round; with a preset comes OF_PRESET.
     """
@@ -110,7 +110,7 @@ def untold(runs: Sequence[Run], told: Collection[str] = ()) -> list[str]:
     if PRESET in (*told, *names):
         follow |= OF_PRESET
     if {SCENARIO, PRESET, "agents_count"} & {*told, *names}:
-        follow |= {"worlds"}  # a preset has fewer worlds, the more agents there are
+        follow |= {"worlds"}  # a preset has fewer worlds for more agents
     return [name for name in names if name not in follow]
 
 
@@ -137,10 +137,10 @@ def _check_names(runs: Sequence[Run], by: Iterable[str]) -> None:
         if name not in known:
             hint = did_you_mean(name, known, after=" ")
             differ = ", ".join([*differing(runs), SEED])
-            raise TrainingError(f"--by {name}: these runs have no such setting; {hint}they differ in {differ}")
+            raise TrainingError(f"--by {name}: unknown setting of these runs; {hint}they differ in {differ}")
 
 
 def common(runs: Sequence[Run], get: Callable[[Run], str]) -> str:
-    """Return what all runs have in common; "" if they differ."""
+    """Return the value that all runs share; "" if they differ."""
     found = {get(run) for run in runs}
     return found.pop() if len(found) == 1 else ""

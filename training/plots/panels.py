@@ -1,4 +1,4 @@
-"""Curves to choose from: what a run logged, under the names by which they are asked for."""
+"""Curves to choose from: the logged tags of a run, under the names of the option --curves."""
 
 import re
 import warnings
@@ -17,14 +17,14 @@ from .runs import Run
 
 ROLLOUT = "rollout/"
 FIRST = ("return", "length", "kills", "heals_used")
-LAST = ("wins/",)  # beginnings of the names of curves that come after the statistics
-RARE = ("episodes", "first_death")  # like deaths by damage type, drawn only if asked for
-MOST = 6  # curves that are drawn unless others are asked for
+LAST = ("wins/",)  # prefixes of the names of curves that come after the statistics
+RARE = ("episodes", "first_death")  # like deaths by damage type, drawn only on request
+MOST = 6  # maximum curves drawn by default
 
 
 @dataclass(frozen=True)
 class Panel:
-    """A curve to draw: its name, the tags of a log that make it up, and what several tags stand for, such as sides."""
+    """A curve to draw: its name, the tags of its log, and the meaning of several tags, such as sides."""
 
     name: str
     tags: tuple[str, ...]
@@ -32,7 +32,7 @@ class Panel:
 
     @property
     def title(self) -> str:
-        """The name, and how several tags become one curve."""
+        """The name, and how several tags are combined."""
         how = f", {'sum' if self.name in SUMMED else 'mean'} over {self.of}" if len(self.tags) > 1 else ""
         return (self.name if "/" in self.name else self.name.replace("_", " ")) + how  # a tag may name a file
 
@@ -41,7 +41,7 @@ def chosen(runs: Sequence[Run], names: Sequence[str]) -> list[Panel]:
     """Return the panels of these names or, without names, the usual ones.
 
     names: "length", "return" and other statistics of episodes; or tags of a log, "wins/scripted", "rollout/kills0",
-    "train/entropy". Raises TrainingError: no run has such a curve.
+    "train/entropy". Raises TrainingError: no run has one of these curves.
     """
     logs = [run.curves.values for run in runs]
     tags = list(dict.fromkeys(tag for log in logs for tag in log))
@@ -74,14 +74,14 @@ def _known(tags: Sequence[str], logs: Sequence[Collection[str]]) -> dict[str, Pa
 
 
 def _owners(own: Sequence[str], returns: Sequence[str], logs: Sequence[Collection[str]]) -> str:
-    """Return what a statistic has one tag for: each side, as the return has, or each agent if there are more tags."""
+    """Return the owner of each tag of a statistic: sides, as for the return, or agents if it has more tags."""
     counts = [(sum(tag in log for tag in own), sum(tag in log for tag in returns)) for log in logs]
     kinds = {"agents" if there > sides > 0 else "sides" for there, sides in counts if there > 1}
     return " or ".join(sorted(kinds))
 
 
 def name_of(tag: str, tags: Sequence[str]) -> str:
-    """Return the name of a tag in commands: "length" for "rollout/steps", "kills" for "rollout/kills1"; else itself."""
+    """Return the name of a tag in commands: "length" for "rollout/steps", "kills" for "rollout/kills1"; or the tag."""
     if not tag.startswith(ROLLOUT):
         return tag
     plain = re.sub(r"(0|[1-9]\d*)$", "", tag)
@@ -91,7 +91,7 @@ def name_of(tag: str, tags: Sequence[str]) -> str:
 
 
 def drawn(run: Run, panels: Sequence[Panel]) -> Curves:
-    """Return the curves of panels, by their names; those that the run does not have are left out."""
+    """Return the curves of panels, by their names; missing ones are left out."""
     values = {panel.name: _combined(run.curves, panel) for panel in panels}
     return Curves(run.curves.steps, {name: own for name, own in values.items() if own is not None})
 
@@ -104,12 +104,12 @@ def _combined(curves: Curves, panel: Panel) -> Array | None:
         combined: Array = np.sum(own, 0)
     else:
         with warnings.catch_warnings(action="ignore", category=RuntimeWarning):  # a rollout may lack all sides
-            combined = np.nanmean(own, 0)  # over the sides that there were
+            combined = np.nanmean(own, 0)  # over the sides present
     return combined
 
 
 def hours(run: Run) -> Array | None:
-    """Return hours of training after each of the run's points, float64 (points,): by the speed that it logged.
+    """Return the hours of training at each of the run's points, float64 (points,): by the speed that it logged.
 
     The hours of imitation, which comes first, are included.
     """

@@ -15,19 +15,19 @@ from .panels import chosen, hours
 from .runs import load
 
 FORMS = ("png", "svg")
-FIGURE = "curves"  # the name of its file
+FIGURE = "curves"  # name of the figure's file
 DRAWN, OUTPUT = "what is drawn", "output"  # groups of options
 
 
 @dataclass(frozen=True)
 class PlotOptions:
-    """The options of `outlast.plot`."""
+    """Options of `outlast.plot`."""
 
     out: str | Path = option("figures", OUTPUT, "folder for figures and tables: curves.png, ends.md, ends.csv")
     by: str | Sequence[str] = option(
         (),
         DRAWN,
-        "settings of the game, of PPO or of the run that tell groups apart, such as melee_damage,opponents (default: "
+        "settings of the game, of PPO or of the run that distinguish groups, such as melee_damage,opponents (default: "
         "all but the seed)",
         python="In Python one name, or a list of names.",
         metavar="NAME,...",
@@ -47,12 +47,12 @@ class PlotOptions:
 def compare(places: Sequence[Path], by: Sequence[str] = (), curves: Sequence[str] = (), x: str = "steps") -> Comparison:
     """Compare the runs in these places, without writing anything; see `plot`."""
     if not places:
-        raise TrainingError("no runs are given: name their folders, or one around them")
+        raise TrainingError("runs are missing: name their folders, or a folder that contains them")
     runs = load(places)
     if x not in AXES:
         raise TrainingError(f"x = {x!r}: allowed are {', '.join(AXES)}")
     if x == "time" and (without := [run for run in runs if hours(run) is None]):
-        raise TrainingError(f"{without[0].origin} does not say how long it took: leave out --x time")
+        raise TrainingError(f"{without[0].origin} has no record of its duration: leave out --x time")
     return Comparison(tuple(group_runs(runs, by)), tuple(chosen(runs, curves)), x)
 
 
@@ -73,7 +73,7 @@ def plot(
         runs: Folders of runs, folders that contain several of them, or of kept results: all, or one by its name,
             as "results/original/ffa_4-original-0".
         out: Folder for figures and tables: curves.png, ends.md, ends.csv.
-        by: Settings of the game, of PPO or of the run that tell groups apart, such as melee_damage,opponents (default:
+        by: Settings of the game, of PPO or of the run that distinguish groups, such as melee_damage,opponents (default:
             all but the seed). In Python one name, or a list of names.
         curves: What to draw: statistics of episodes, such as return,length, or tags of log.csv, such as wins/scripted
             (default: up to six). In Python one name, or a list of names.
@@ -84,7 +84,7 @@ def plot(
         The comparison. `str` turns it into the table in Markdown; `files` has the paths of the files written.
 
     Raises:
-        TrainingError: There are no runs, no such setting or curve, or matplotlib is not installed; nothing is written.
+        TrainingError: No runs are found, a setting or curve is unknown, or matplotlib is missing; nothing is written.
     """
     with needed("plot", "figures need"):
         from .figure import picture

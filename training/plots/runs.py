@@ -1,4 +1,4 @@
-"""Runs to be compared, of any scenario: what was trained, with which settings, and all curves. Needs no PyTorch.
+"""Runs to be compared, of any scenario: their game, settings and all curves. Does not need PyTorch.
 
 They are in folders of their own, or kept: the curves of several in one file.
 """
@@ -20,12 +20,12 @@ from ..base.curves import FILE, NEEDED, Curves, Described, curves_of_log, is_kno
 from ..base.errors import EmptyRunError, TrainingError
 from ..base.presets import preset
 
-HOW_ONLY = ("seed", "device", "threads", "every", "settings", *HOW)  # keys of a plan that are no settings
+HOW_ONLY = ("seed", "device", "threads", "every", "settings", *HOW)  # keys of a plan that are not settings
 USUAL = {
     each.name: each.default for each in fields(TrainingConfig) if each.default is not MISSING
-}  # for what the plans of earlier versions do not say
+}  # values for plans of earlier versions, which lack them
 SCENARIO, PRESET = "scenario", "preset"
-RUN_FILES = (log_file.NAME, run_header.NAME)  # by which the folder of a run is recognised
+RUN_FILES = (log_file.NAME, run_header.NAME)  # files that identify the folder of a run
 ABSENT = "not there"  # in place of a number that a game lacks
 BEYOND = {
     "varied": "numbers that vary",
@@ -42,13 +42,13 @@ class Run:
     """A run.
 
     Attributes:
-        origin: Its folder; of a run that is kept, its name in the folder of the others.
-        scenario: The name of what is played.
+        origin: Its folder; for a kept run, its name in the folder of the study.
+        scenario: Name of the game.
         numbers: The numbers of the scenario, by name.
-        curves: Everything that was logged, by tag; of kept runs, the paper's quantities.
-        label: The scenario's name with what was changed: "ffa_2-melee_damage=50"; "" if that is the name alone.
-        asked: Agent-steps that were asked for; None if that is not recorded.
-        beyond: What the game has that no variant has, in words; see BEYOND.
+        curves: All logged values, by tag; for kept runs, the paper's quantities.
+        label: Name of the scenario with its changes: "ffa_2-melee_damage=50"; "" if that is the name alone.
+        asked: Requested agent-steps; None if that is not recorded.
+        beyond: Parts of the game that no variant has, in words; see BEYOND.
     """
 
     origin: Path
@@ -72,7 +72,7 @@ class Run:
 
     @cached_property
     def settings(self) -> dict[str, Any]:
-        """Return what decides the outcome but the seed, by name: scenario and numbers, the plan, PPO's numbers."""
+        """Return everything but the seed that decides the outcome, by name: scenario, numbers, plan, PPO's numbers."""
         usual = {name: value for name, value in USUAL.items() if name not in (*HOW_ONLY, "steps")}
         usual |= {"opponents": f"{SELF}:1", "anneal": ""}
         plan = {name: value for name, value in self.plan.items() if name not in HOW_ONLY}
@@ -81,7 +81,7 @@ class Run:
 
 
 def shown(value: Any) -> str:
-    """Return a value as it is typed: true, 0.5, 8,4."""
+    """Return a value as a user types it: true, 0.5, 8,4."""
     if isinstance(value, (list, tuple)):
         return ",".join(map(shown, value))
     if isinstance(value, bool):
@@ -92,10 +92,10 @@ def shown(value: Any) -> str:
 
 
 def load(places: Iterable[Path]) -> list[Run]:
-    """Read all runs. Those in which no episode has ended yet are left out, and named in a warning.
+    """Read all runs. Those in which no episode has ended yet are left out, with a warning.
 
-    places: Folders of runs, folders around them, studies (folders with runs that are kept), or single runs of a study,
-    as if they were folders in it. Raises TrainingError: a place holds no runs, or none with a curve.
+    places: Folders of runs, folders around them, studies (folders with kept runs), or single runs of a study, named as
+    if they were folders in it. Raises TrainingError: a place does not hold runs, or none with a curve.
     """
     found, reasons = list[Run](), list[str]()
     for path in dict.fromkeys(path for place in places for path in _found(place)):
@@ -108,14 +108,14 @@ def load(places: Iterable[Path]) -> list[Run]:
         except EmptyRunError as error:
             reasons.append(str(error))
     if reasons and not found:
-        raise TrainingError(f"there is nothing to draw: {reasons[0]}")
+        raise TrainingError(f"nothing can be drawn: {reasons[0]}")
     for reason in reasons:
         logger.warning("left out: %s", reason)
     return found
 
 
 def _found(place: Path) -> list[Path]:
-    """Return folders of runs and kept runs in a place, which may itself be one."""
+    """Return the folders of runs and the kept runs in a place, which may be one itself."""
     if any((place / name).exists() for name in RUN_FILES):
         return [place]
     if not place.exists():
@@ -126,12 +126,12 @@ def _found(place: Path) -> list[Path]:
     found = sorted([*(place / name for name in kept_runs(place)), *runs])
     if not found:
         wanted = f"neither {log_file.NAME} nor {FILE} nor folders of runs"
-        raise TrainingError(f"there are no runs in {place}: {wanted}")
+        raise TrainingError(f"{place} does not hold runs: {wanted}")
     return found
 
 
 def kept_runs(study: Path) -> dict[str, Described]:
-    """Return what is kept of the runs of a study, by name; nothing if there is none. Raises TrainingError."""
+    """Return the kept runs of a study, by name; empty if it has none. Raises TrainingError."""
     return read_curves(study / FILE) if (study / FILE).exists() else {}
 
 
@@ -139,9 +139,9 @@ def _kept_run(place: Path) -> Path:
     """Return the place, if it is that of a kept run. Raises TrainingError."""
     known = kept_runs(place.parent)
     if not known:
-        raise TrainingError(f"there is no folder {place}")
+        raise TrainingError(f"folder {place} does not exist")
     if place.name not in known:
-        raise TrainingError(f"{place.parent / FILE} has no run {place.name}, but {', '.join(known)}")
+        raise TrainingError(f"{place.parent / FILE} has no run {place.name}; known: {', '.join(known)}")
     return place
 
 
@@ -167,7 +167,7 @@ def read_kept(path: Path) -> Run:
     if missing := [tag for tag in NEEDED if tag not in curves.values]:
         raise TrainingError(f"{wrong}: it has no {missing[0]}")
     if not is_fingerprint({"name": name, "numbers": changed}) or "$" in str(changed):
-        raise TrainingError(f"{wrong}: what was changed in it is not numbers")
+        raise TrainingError(f"{wrong}: its changed numbers are invalid")
     numbers = {key: value for key, value in (usual | changed).items() if value != ABSENT}
     return Run(path, name, numbers, plan, curves, asked=plan.get("steps"))
 
@@ -181,7 +181,7 @@ def usual_numbers(name: str, of: str) -> dict[str, Any]:
 def _check_plan(origin: Path, plan: Any) -> None:
     """Raise TrainingError if it is not the plan of a run."""
     if not run_header.is_plan(plan) or type(plan.get("seed")) is not int:
-        raise TrainingError(f"{origin} does not hold a run: its plan is none")
+        raise TrainingError(f"{origin} does not hold a run: its plan is invalid")
     try:
         preset(plan.get(PRESET))
     except ScenarioError as error:
@@ -191,8 +191,8 @@ def _check_plan(origin: Path, plan: Any) -> None:
 def _played(scenario: dict[str, Any]) -> dict[str, Any]:
     """Return everything in a fingerprint except names.
 
-    These are numbers, or what they are drawn from; roles, what is observed, the order of systems, and the code of
-    mechanics of one's own, by the first digits of its hash.
+    These are numbers, or their distributions; roles, observations, the order of systems, and the code of the user's
+    mechanics, by the first digits of its hash.
     """
     drawn = {name: f"{kind}({', '.join(map(shown, of))})" for name, (kind, *of) in scenario.get("varied", {}).items()}
     roles, order, code = (scenario.get(key, {}) for key in ("roles", "order", "code"))

@@ -1,1 +1,1 @@
-"""Runs: training with logs, checkpoints and films in a folder, and runs beside each other."""
+"""Runs: training with logs, checkpoints and films in a folder, and several runs at the same time."""

@@ -1,6 +1,6 @@
-"""Runs of `outlast train` in processes of their own, a few at a time. Needs no PyTorch.
+"""Runs of `outlast train` in their own processes, a few at a time. Does not need PyTorch.
 
-As a program, it is such a process: `python -m` and the words of the command. It saves and ends with its parent.
+As a program, it is such a process: `python -m` and the words of the command. It saves and ends when its parent ends.
 """
 
 import _thread
@@ -23,15 +23,15 @@ from ..base import log_file
 from .live_view import LiveView
 
 POLL = 0.5  # seconds
-MAIN = "outlast.training.runs.child_runs"  # the program of a run, which is this file
-RESUME = "stopped: go on with --resume"
+MAIN = "outlast.training.runs.child_runs"  # the program of a run: this file
+RESUME = "stopped: continue with --resume"
 logger = logging.getLogger("outlast")
 
 
 class ChildRun:
-    """A run in a process and a process group of its own, so that Ctrl-C reaches it only once, from this process.
+    """A run in its own process and process group, so that Ctrl-C reaches it only once, from this process.
 
-    If this process ends without stopping it, as by kill -9, the run saves and stops, too: see `end_with_parent`.
+    If this process ends without stopping it, as by kill -9, the run also saves and stops: see `end_with_parent`.
 
     folder: The folder of the run, which also names it. words: The words of the command line that trains it.
     """
@@ -40,7 +40,7 @@ class ChildRun:
         """Prepare the run without starting it.
 
         words: Arguments and options of `outlast train` for this run, without --out, --resume and --quiet.
-        resume: Whether to continue the run that is in the folder; without a folder, the run begins.
+        resume: Whether to continue the run in the folder; without a folder, the run begins.
         """
         self.folder = folder
         self.words = [sys.executable, "-m", MAIN, "train", *words, "--out", str(folder), "--quiet"]
@@ -54,7 +54,7 @@ class ChildRun:
     def start(self) -> None:
         """Start the process, which begins or continues the run."""
         pipe, out = subprocess.PIPE, subprocess.STDOUT
-        with ignored("SIGUSR1"):  # until the run can save when it is asked to
+        with ignored("SIGUSR1"):  # until the run can handle the signal
             self.process = subprocess.Popen(
                 self.words, start_new_session=True, stdin=pipe, stdout=pipe, stderr=out, text=True, errors="replace"
             )
@@ -63,7 +63,7 @@ class ChildRun:
         self._reader.start()
 
     def _read(self) -> None:
-        """Read all that the run prints, and keep the last line."""
+        """Read all output of the run, and keep the last line."""
         self._last.extend(text for line in self.process.stdout or () if (text := line.strip()))
 
     def stop(self) -> None:
@@ -72,7 +72,7 @@ class ChildRun:
             self.process.send_signal(signal.SIGINT)
 
     def save(self) -> None:
-        """Let the run write a checkpoint and go on."""
+        """Make the run write a checkpoint and continue."""
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGUSR1)
 
@@ -81,11 +81,11 @@ class ChildRun:
         return log_file.last_step(self.folder / log_file.NAME)
 
     def report(self) -> int:
-        """Print the run's last line of output. Returns its exit status as shells do: 128 + N if signal N ended it."""
+        """Print the run's last line of output. Return its exit status as shells do: 128 + N if signal N ended it."""
         with self.process as process:  # `communicate` would first close the run's input, which interrupts the run
             self._reader.join()
             code = process.wait()
-        last = (self._last or ["ended without a word"])[-1]
+        last = (self._last or ["ended without output"])[-1]
         with above_bars(sys.stdout):
             print(f"{self.name}: {last if code >= 0 else f'ended by signal {-code}: {last}'}")
         return code if code >= 0 else SIGNALLED - code
@@ -94,15 +94,15 @@ class ChildRun:
 def side_by_side(
     runs: Sequence[ChildRun], at_once: int, view: LiveView, done: Callable[[], int], cure: str = RESUME
 ) -> int:
-    """Train all runs. A run that fails is reported, and the others go on. On Ctrl-C, all that have begun save and stop.
+    """Train all runs. A run that fails is reported, and the others continue. On Ctrl-C, all begun ones save and stop.
 
-    SIGUSR1 is passed on to those that have begun, which save and go on.
+    SIGUSR1 is passed on to those that have begun, which save and continue.
 
-    Returns the exit status: 0 if all went well, 130 if they were stopped, else the highest of the runs.
+    Returns the exit status: 0 for success, 130 if they were stopped, otherwise the highest status of the runs.
 
-    runs: In the order in which they begin, `at_once` at a time. view: Shows the progress, every POLL seconds; it is
-    closed at the end. done: Returns how much of the view's total is done. cure: What is logged after Ctrl-C, as how to
-    continue.
+    runs: In the order in which they begin, `at_once` at a time. view: Shows the progress, every POLL seconds, and is
+    closed at the end. done: Returns the part of the view's total that is done. cure: Logged after Ctrl-C, such as the
+    way to continue.
     """
     waiting, running, statuses = list(runs), list[ChildRun](), list[int]()
     try:
@@ -132,9 +132,9 @@ def side_by_side(
 
 
 def end_with_parent() -> None:
-    """Interrupt this process, as Ctrl-C does, when the parent ends in whatever way: standard input, its pipe, closes.
+    """Interrupt this process, as Ctrl-C does, when the parent ends for any reason: standard input, its pipe, closes.
 
-    Shells let background commands and their children ignore SIGINT. It is handled again, or nobody could stop a run.
+    Background commands of shells and their children ignore SIGINT. It is handled again, so that the run can be stopped.
     """
     signal.signal(signal.SIGINT, signal.default_int_handler)
 

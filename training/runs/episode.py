@@ -1,4 +1,4 @@
-"""An episode that a checkpoint's policy plays against itself, to be watched in films and on pages."""
+"""An episode that a checkpoint's policy plays against itself, for films and pages."""
 
 import contextlib
 from collections.abc import Iterator
@@ -21,9 +21,9 @@ from ..base.errors import TrainingError
 class WatchedEpisode:
     """One world in which a policy plays an episode.
 
-    worlds: The world, which is reset when the first tick is asked for. ticks: Each item that is asked for plays one
-    more tick, until the episode ends; the first item is the reset. differs: How the scenario differs from the one that
-    the policy was trained in; "" if it does not.
+    worlds: The world, which is reset when the first tick is requested. ticks: Each item requested plays one more tick,
+    until the episode ends; the first item is the reset. differs: Difference between the scenario and the one that the
+    policy was trained in; "" if there is none.
     """
 
     worlds: Worlds
@@ -34,14 +34,14 @@ class WatchedEpisode:
 
 @contextlib.contextmanager
 def episode(path: Path, *, seed: int, most: int, scenario: Scenario | None = None) -> Iterator[WatchedEpisode]:
-    """Open an episode of a checkpoint's policy, in which everything random comes from `seed`.
+    """Open an episode of a checkpoint's policy, whose random numbers all come from `seed`.
 
     PyTorch's global random numbers and its number of threads stay as they are.
 
-    Raises TrainingError: the checkpoint is broken, of another game, or does not say enough about its own.
+    Raises TrainingError: the checkpoint is broken, of another game, or does not describe its own sufficiently.
 
-    most: The number of ticks after which the episode is left, even if it has not ended. scenario: What is played; None:
-    what the checkpoint says, see `recorded_scenario`.
+    most: Maximum number of ticks, even if the episode has not ended. scenario: The game; None: the one of the
+    checkpoint, see `recorded_scenario`.
     """
     header = policy_file.read_header(path, ("scenario",))
     game, differs = (scenario, "") if scenario is not None else recorded_scenario(header)
@@ -68,8 +68,8 @@ def episode(path: Path, *, seed: int, most: int, scenario: Scenario | None = Non
 def recorded_scenario(header: run_header.Header) -> tuple[Scenario, str]:
     """Rebuild the scenario of a run that `outlast train` began, without importing anything.
 
-    Returns the scenario, and how it differs from that of the run, which another version of outlast may have begun; ""
-    if it does not differ. Raises TrainingError: the scenario has mechanics of the user's own that are not imported.
+    Returns the scenario, and its difference from that of the run, which another version of outlast may have begun; ""
+    if there is none. Raises TrainingError: the scenario has the user's own mechanics, which are not imported.
 
     header: run.json of the run, or of one of its checkpoints.
     """
@@ -78,5 +78,5 @@ def recorded_scenario(header: run_header.Header) -> tuple[Scenario, str]:
         made = rebuilt(given, header["modules"], strict=False)
         planned(made)
     except ValueError as error:
-        raise TrainingError(f"the scenario {given['name']!r} cannot be made from a checkpoint: {error}") from error
+        raise TrainingError(f"the scenario {given['name']!r} cannot be rebuilt from a checkpoint: {error}") from error
     return made, difference(given, fingerprint(made)).partition("): ")[2]  # without the name

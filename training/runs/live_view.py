@@ -7,14 +7,14 @@ from outlast.envs.progress import Progress
 
 from ..base.run_summary import GROUPS, Figure, headline
 
-NAME = max(map(len, GROUPS)) + 2  # characters that the name of a line takes
-BETWEEN = " · "  # what separates figures
+NAME = max(map(len, GROUPS)) + 2  # width of the name of a line, in characters
+BETWEEN = " · "  # separator of figures
 
 
 class LiveView(Progress):
     """The progress of a run with its figures, in a line for each group of them (see `headline`).
 
-    Lines are shortened to the terminal's width. Numbers that an update does not have stay as they were.
+    Lines are shortened to the terminal's width. Numbers that are missing in an update keep their values.
 
     >>> view = LiveView(done=0, total=10_000_000)
     >>> view.now("collecting")
@@ -32,15 +32,15 @@ class LiveView(Progress):
         about: str = "",
         unit: str = "agent-steps",
     ) -> None:
-        """Show that the run begins, with `done` of `total` agent-steps, or of another unit; see Progress."""
+        """Show the beginning of the run, with `done` of `total` agent-steps, or of another unit; see Progress."""
         self.tags = dict[str, float]()
         super().__init__(total, unit, done=done, quiet=quiet, file=file, about=about)
 
     def update(self, done: int, total: int, shown: Mapping[str, float]) -> None:
-        """Show how far the run is, and its numbers.
+        """Show the progress of the run, and its numbers.
 
-        done: Agent-steps that are done, including those of before. total: Agent-steps at the end. shown: Values by tag,
-        as they are logged; tags that are never shown may be among them.
+        done: Agent-steps done, including earlier ones. total: Agent-steps at the end. shown: Values by tag, as they are
+        logged; may include tags that are never shown.
         """
         self.tags |= shown
         self.show(done, total)
@@ -48,7 +48,7 @@ class LiveView(Progress):
             self.bar.refresh()
 
     def below(self, columns: int) -> list[str]:
-        """Return the line of each group of figures, of at most so many columns."""
+        """Return the line of each group of figures, of at most `columns` characters."""
         return [fitted(name, figures, columns) for name, figures in self._groups()]
 
     def beside(self) -> list[str]:
@@ -62,7 +62,7 @@ class LiveView(Progress):
 
 
 def fitted(name: str, figures: Sequence[Figure], width: int) -> str:
-    """Return a line of as many figures as fit into `width` characters; at least a part of the first one."""
+    """Return a line of the figures that fit into `width` characters, at least a part of the first one."""
     text = name.ljust(NAME)
     for k, figure in enumerate(figures):
         more = f"{BETWEEN if k else ''}{figure.name} {figure.text}"

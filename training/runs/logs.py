@@ -16,15 +16,15 @@ from tensorboard.summary.writer.record_writer import RecordWriter
 
 from ..base import log_file
 
-FORMAT = "brain.Event:2"  # the first event of a file says so
-_numbers = itertools.count()  # one for each event file of this process, which may make several in one second
+FORMAT = "brain.Event:2"  # content of the first event of a file
+_numbers = itertools.count()  # one for each event file of this process, which may create several in one second
 
 
 class RunLog:
-    """The logs of a run that has done `steps` agent-steps; what they hold of later steps is removed, or hidden.
+    """The logs of a run that has done `steps` agent-steps; entries of later steps are removed, or hidden.
 
-    When `write` returns, everything is in the files, or OSError is raised. TensorBoard's own writer leaves that to a
-    thread.
+    When `write` returns, all entries are in the files, or OSError is raised. TensorBoard's own writer leaves writing to
+    a thread.
     """
 
     def __init__(self, folder: Path, steps: int) -> None:

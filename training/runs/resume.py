@@ -1,4 +1,4 @@
-"""The content of checkpoints, beside the policies, with which a run goes on as if it had never stopped."""
+"""The content of checkpoints, beside the policies, with which a run continues as if it had never stopped."""
 
 import io
 import tempfile
@@ -17,15 +17,15 @@ from ..policies.checkpoint import REST, WORLDS, check_state
 from ..ppo.learner import Learner
 from ..ppo.trainer import Trainer
 
-LAST = 2**53  # the most updates of an optimiser, which counts them in float32
-GENERATOR = 5056, 624  # bytes of the state of PyTorch's generator of random numbers, numbers that it draws at once
-WRONG = f"{REST} of the checkpoint is not what a run goes on with"
+LAST = 2**53  # maximum updates of an optimiser, which counts them in float32
+GENERATOR = 5056, 624  # bytes of the state of PyTorch's generator of random numbers, numbers drawn at once
+WRONG = f"{REST} of the checkpoint does not fit the run"
 
 
 def capture(trainer: Trainer, header: dict[str, Any]) -> dict[str, bytes]:
-    """Make the files of a checkpoint, in memory. header: Further entries of run.json, see TrainingConfig.header.
+    """Return the files of a checkpoint, in memory. header: Further entries of run.json, see TrainingConfig.header.
 
-    All processes that train together must call it, though only the first one needs the result.
+    All processes that train together must call it, although only the first one needs the result.
     """
     worlds, lanes = trainer.captured()
     rest = checkpoint.tree_content(_rest(trainer, lanes))
@@ -33,7 +33,7 @@ def capture(trainer: Trainer, header: dict[str, Any]) -> dict[str, bytes]:
 
 
 def _rest(trainer: Trainer, lanes: dict[str, Any]) -> dict[str, Any]:
-    """Return what a run goes on with, beside its policies and worlds, as a tree. lanes: See Trainer.captured."""
+    """Return the state of a run besides its policies and worlds, as a tree. lanes: See Trainer.captured."""
     rest = {
         "learners": [
             {
@@ -52,7 +52,7 @@ def _rest(trainer: Trainer, lanes: dict[str, Any]) -> dict[str, Any]:
 
 
 def restore(trainer: Trainer, files: dict[str, bytes]) -> None:
-    """Make a new trainer of the same config go on from a checkpoint.
+    """Restore a new trainer of the same config from a checkpoint.
 
     Raises StateError if it is of another scenario, TrainingError if its content does not fit the trainer or is broken.
     """
@@ -61,8 +61,8 @@ def restore(trainer: Trainer, files: dict[str, bytes]) -> None:
     checkpoint.check_fields(header, trainer.env)
     factors = scales(trainer.layout, header["fields"])
     if len(weights) != len(trainer.learners):
-        raise TrainingError(f"the checkpoint has {len(weights)} policies; here are {len(trainer.learners)}")
-    check_state(rest, _rest(trainer, trainer.captured_lanes()) | {"opponents": None})  # these check themselves
+        raise TrainingError(f"the checkpoint has {len(weights)} policies, but the run {len(trainer.learners)}")
+    check_state(rest, _rest(trainer, trainer.captured_lanes()) | {"opponents": None})  # checked by the pool
     for learner, given in zip(trainer.learners, rest["learners"], strict=True):
         _check_learner(learner, given)
     worlds, mine = state.read(io.BytesIO(files[WORLDS]), f"{WORLDS} of the checkpoint"), trainer.lane.rows
@@ -94,7 +94,7 @@ def _state_bytes(worlds: State) -> bytes:
 
 
 def _check_learner(learner: Learner, given: dict[str, Any]) -> None:
-    """Check the steps of the optimiser, and the generator's place in its table, which PyTorch does not check."""
+    """Check the steps of the optimiser, and the generator's place in its table, both unchecked by PyTorch."""
     for k, moments in given["optimiser"].items():
         if not 0 <= float(moments["step"]) <= LAST:
             raise TrainingError(f"step of parameter {k} in {REST} of the checkpoint is {float(moments['step'])}")
@@ -102,4 +102,4 @@ def _check_learner(learner: Learner, given: dict[str, Any]) -> None:
     if len(found := bytes(given["minibatches"].tolist())) == size:
         left, place = (int.from_bytes(found[a:b], "little") for a, b in ((8, 12), (16, 24)))
         if not 1 <= left <= count or place + left > count + 1:
-            raise TrainingError(f"a random generator in {REST} of the checkpoint is in a state that cannot be")
+            raise TrainingError(f"a random generator in {REST} of the checkpoint is in an invalid state")

@@ -1,4 +1,4 @@
-"""A training run: collect, update, log, save, and go on from where it was stopped."""
+"""A training run: collect, update, log, save, and resume."""
 
 import contextlib
 import errno
@@ -34,46 +34,46 @@ from .film import film_checkpoint
 from .logs import RunLog
 from .resume import capture, restore
 
-WRITTEN = (run_header.NAME, log_file.NAME, "steps_*")  # names of the files that nobody but a run itself writes
+WRITTEN = (run_header.NAME, log_file.NAME, "steps_*")  # names of the files that only a run itself writes
 FILES = re.compile(rf"[^,]+({'|'.join(map(re.escape, ENDINGS))})(?=:)")  # a saved policy among the opponents of a plan
 logger = logging.getLogger(__name__)
 Progress = Callable[["TrainingRun"], None]
 
 
 class Callbacks:
-    """Functions that are called as a run goes on, in its first process. An object with some of these methods is enough.
+    """Functions that are called during a run, in its first process. An object with some of these methods is enough.
 
-    They may read everything and call `run.log.write(values, run.done)`. An exception ends the run, which is saved where
-    its last update ended.
+    They may read everything and call `run.log.write(values, run.done)`. An exception ends the run, which is saved in
+    the state after its last update.
     """
 
     def on_rollout(self, run: "TrainingRun", rollout: Rollout) -> None:
         """Act after a rollout, before its update; run.done does not count it yet."""
 
     def on_update(self, run: "TrainingRun", tags: dict[str, float]) -> None:
-        """Act after an update, which counts as done. tags: What was logged."""
+        """Act after an update, which counts as done. tags: Logged values."""
 
     def on_checkpoint(self, run: "TrainingRun", path: Path) -> None:
-        """Act when a checkpoint is written, except for the one that an interrupt or an error leaves."""
+        """Act when a checkpoint is written, except after an interrupt or an error."""
 
 
 MOMENTS = {name for name in vars(Callbacks) if name.startswith("on_")}
 
 
 def check_callbacks(callbacks: Any) -> None:
-    """Raise TrainingError unless each of these objects has methods of Callbacks, and no others that begin with on_."""
+    """Raise TrainingError unless each object has methods of Callbacks, and no other methods that begin with on_."""
     if not isinstance(callbacks, Sequence):
-        raise TrainingError(f"callbacks = {callbacks!r:.200}: a list of objects is needed")
+        raise TrainingError(f"callbacks = {callbacks!r:.200}: must be a list of objects")
     for each in callbacks:
         names = {name for name in dir(each) if name.startswith("on_")}
         if not names or names - MOMENTS:
-            raise TrainingError(f"callbacks: {each!r:.200} has {sorted(names)}: some of {sorted(MOMENTS)} are needed")
+            raise TrainingError(f"callbacks: {each!r:.200} has {sorted(names)}: it must have some of {sorted(MOMENTS)}")
 
 
 def prepared(config: TrainingConfig, files: dict[str, bytes] | None, crew: Crew) -> Trainer:
-    """Make the trainer of a process of a run, and let each of its threads run PyTorch on one.
+    """Return the trainer of a process of a run, and limit PyTorch to one thread in each of its threads.
 
-    files: Those of the checkpoint that the run goes on from, if there is one.
+    files: Those of the checkpoint from which the run continues, if any.
     """
     threads = config.threads or max(1, min(torch.get_num_threads(), available_cores()) // crew.size)
     torch.set_num_threads(1)
@@ -86,12 +86,12 @@ def prepared(config: TrainingConfig, files: dict[str, bytes] | None, crew: Crew)
 
 
 def remaining(trainer: Trainer) -> float:
-    """Return the share of a run that is left."""
+    """Return the share of a run that remains."""
     return 1 - trainer.steps / trainer.config.steps
 
 
 def follow(crew: Crew, config: TrainingConfig, files: dict[str, bytes] | None) -> None:
-    """Do what every process of a run except the first does: the same as the first, without logs and files."""
+    """Run any process except the first: it does the same as the first, without logs and files."""
     trainer = prepared(config, files, crew)
     if files is None and config.warm_start:
         trainer.imitate(lambda done, tags: None)
@@ -108,15 +108,15 @@ def follow(crew: Crew, config: TrainingConfig, files: dict[str, bytes] | None) -
 class TrainingRun:
     """A run in a folder: run.json, log.csv, TensorBoard's events, checkpoints.
 
-    A process that is killed at any moment leaves a run that can be resumed. If several processes share the work, this
+    A process that is killed at any time leaves a run that can be resumed. If several processes share the work, this
     one starts the others, and they end with it.
 
     Attributes:
-        anew: Whether the run begins at 0 although it was to be resumed, as it has no checkpoint yet.
-        done: Agent-steps in updates that are complete.
+        anew: Whether the run begins at 0 although it was to be resumed, since it has no checkpoint yet.
+        done: Agent-steps of complete updates.
         saved: Agent-steps in the newest checkpoint.
-        tags: The numbers that were logged last.
-        now: What the run is doing, in a word or two.
+        tags: The last logged numbers.
+        now: Current activity of the run, in one or two words.
     """
 
     @learning()
@@ -130,10 +130,10 @@ class TrainingRun:
         cluster: str | None = None,
         callbacks: Sequence[Any] = (),
     ) -> None:
-        """Make the worlds and networks, and write run.json; the folder is made if it is not there. See RunOptions.
+        """Create the worlds and networks, and write run.json; the folder is created if it is missing. See RunOptions.
 
-        A run that was stopped before its first checkpoint begins again. Raises ClusterError: there is no such cluster,
-        or it is too small. Raises TrainingError: the run cannot begin or go on there; nothing is written.
+        A run that was stopped before its first checkpoint begins again. Raises ClusterError: the cluster does not exist
+        or is too small. Raises TrainingError: the run cannot begin or resume there; nothing is written.
         """
         self.config, self.folder, self.film, self.callbacks = config, folder, film, callbacks
         there = self._there()
@@ -146,9 +146,9 @@ class TrainingRun:
             self.crew = recruit(config.processes, follow, config, files)
         else:
             with needed("ray", "a Ray cluster needs"):
-                from ..ppo.cluster import recruit_on_cluster  # imported here, as Ray takes seconds to load
+                from ..ppo.cluster import recruit_on_cluster  # imported here: Ray takes seconds to load
             if config.processes == 1:
-                raise TrainingError("one process needs no cluster: ask for several, as with --processes 8")
+                raise TrainingError("a cluster requires several processes: add --processes 8, for example")
             self.crew = recruit_on_cluster(cluster, config.processes, follow, config, files)
         self.fresh, self._threads = files is None, torch.get_num_threads()
         self.lock = FolderLock(folder, "trains this run", WRITTEN)
@@ -166,27 +166,27 @@ class TrainingRun:
         self.saved = self.done = self.trainer.steps
         self.tags: dict[str, float] = {}
         self.now = "collecting"
-        self.kept: tuple[int, dict[str, bytes]] | None = None  # where the last update ended: steps, checkpoint
-        self.asked: list[int] = []  # signals that ask for a checkpoint
+        self.kept: tuple[int, dict[str, bytes]] | None = None  # the state after the last update: steps, checkpoint
+        self.asked: list[int] = []  # signals that request a checkpoint
 
     @one_interrupt()
     @learning()
     def train(self, progress: Progress = lambda run: None) -> None:
-        """Train up to the steps of the config. Ctrl-C saves where the last update ended and is raised again.
+        """Train up to the steps of the config. Ctrl-C saves the state after the last update and is raised again.
 
-        SIGUSR1 saves that, too, at the end of the rollout or epoch, and the run goes on.
+        SIGUSR1 saves that state, too, at the end of the rollout or epoch, and the run continues.
 
         Args:
-            progress: Called after each update, and when each of its epochs begins, as the first updates take minutes.
+            progress: Called after each update and at the start of each of its epochs, as first updates take minutes.
 
         Raises:
-            TrainingError: The disk is full, or a process is lost; what is in the folder can be resumed.
+            TrainingError: The disk is full, or a process is lost; the run in the folder can be resumed.
         """
         with save_requests() as self.asked:
             try:
                 self._train(progress)
             finally:
-                with interrupts_held(), self._disk_errors():  # a cluster may signal twice: this process, and its parent
+                with interrupts_held(), self._disk_errors():  # a cluster may signal both this process and its parent
                     self.crew.close()
                     try:
                         if self.kept is not None:
@@ -197,7 +197,7 @@ class TrainingRun:
                         torch.set_num_threads(self._threads)
 
     def _train(self, progress: Progress) -> None:
-        """Collect and update, and save now and then."""
+        """Collect, update, and save at the requested intervals."""
         if self.fresh and self.config.warm_start:
             self._warm_start(progress)
         if not self.saved:
@@ -217,16 +217,16 @@ class TrainingRun:
             progress(self)
 
     def _save_if_asked(self) -> None:
-        """Save where the last update ended, if SIGUSR1 has come and that is not saved already."""
+        """Save the state after the last update, if SIGUSR1 has arrived and the state is not saved yet."""
         if self.asked and self.kept is not None:
             self.asked.clear()
             path = self.folder / CHECKPOINT.format(self.kept[0])
             if not path.exists():
                 self._save_and_call(self.kept)
-                logger.info("saved %s, as SIGUSR1 asks for", path)
+                logger.info("saved %s after SIGUSR1", path)
 
     def _warm_start(self, progress: Progress) -> None:
-        """Imitate the teacher, and save. If this is interrupted, a resumed run imitates from the beginning."""
+        """Imitate the teacher, and save. After an interrupt, a resumed run imitates from the beginning."""
 
         def on_rollout(done: int, tags: dict[str, float]) -> None:
             what = f"the imitation that the run begins with diverged: after {done} agent-steps"
@@ -238,7 +238,7 @@ class TrainingRun:
         tags = self.trainer.imitate(on_rollout)
         self._save_and_call(self._capture())
         if tags:
-            with self._disk_errors():  # after the checkpoint, so that no log has it twice
+            with self._disk_errors():  # after the checkpoint, so that the log cannot have it twice
                 self.log.write(tags | {"time/imitation": time.perf_counter() - start}, 0)
 
     def _iterate(self, progress: Progress) -> None:
@@ -271,7 +271,7 @@ class TrainingRun:
             self.log.write(tags, trainer.steps)
 
     def _capture(self) -> tuple[int, dict[str, bytes]]:
-        with self._disk_errors():  # the worlds go through a temporary file
+        with self._disk_errors():  # worlds are written to a temporary file
             return self.trainer.steps, capture(self.trainer, self.config.header())
 
     def _call(self, moment: str, what: Any) -> None:
@@ -290,18 +290,18 @@ class TrainingRun:
         self.saved = steps
 
     def _there(self) -> set[str]:
-        """Return names of what is in the folder, without temporary files and that of the lock."""
+        """Return the names in the folder, except temporary files and the lock."""
         paths = self.folder.iterdir() if self.folder.is_dir() else ()
         return {path.name for path in paths if not is_temporary(path) and not is_lock(path)}
 
     def _find_checkpoint(self, there: set[str], resume: bool) -> dict[str, bytes] | None:
-        """Return the checkpoint to go on from, if there is one. there: What is in the folder.
+        """Return the checkpoint to resume from, if any. there: Names in the folder.
 
-        A run that has none yet must have been begun with the same config, too.
+        A run without a checkpoint must also have been begun with the same config.
         """
         if there and not resume:
-            raise TrainingError(f"{self.folder} is not empty: go on with --resume, or choose another folder with --out")
-        if not resume or (self.folder.is_dir() and not there):  # it was stopped before run.json was written
+            raise TrainingError(f"{self.folder} is not empty: take --resume, or choose another folder with --out")
+        if not resume or (self.folder.is_dir() and not there):  # stopped before run.json was written
             return None
         found = checkpoints(self.folder)
         if run_header.NAME in there and not found:
@@ -311,23 +311,21 @@ class TrainingRun:
                 raise TrainingError(f"the run in {self.folder} was begun with another scenario {other}")
             return None
         if not found:
-            raise TrainingError(f"there is nothing to resume in {self.folder}")
+            raise TrainingError(f"{self.folder} does not hold a run to resume")
         return checkpoint.read_checkpoint(found[-1])
 
     def _prepare(self, there: set[str]) -> None:
-        """Make the folder and lock it, and say in run.json what is asked.
+        """Create and lock the folder, and write the requested settings to run.json.
 
-        there: What was in it when the checkpoint was read.
+        there: Names in the folder when the checkpoint was read.
         """
-        checkpoint.header_of(self.trainer.policy_files(self.config.header()))  # raises if it could not be read again
+        checkpoint.header_of(self.trainer.policy_files(self.config.header()))  # raises if it cannot be read again
         try:
             self.lock.acquire()
         except BlockingIOError as error:
             raise TrainingError(str(error)) from None
         if self._there() != there:
-            raise TrainingError(
-                f"{self.folder}: another process has trained this run in the meantime; go on from there with --resume"
-            )
+            raise TrainingError(f"{self.folder}: another process has just trained this run; continue with --resume")
         if (self.folder / run_header.NAME).exists():
             header = run_header.read_run_folder(self.folder)
         else:
@@ -346,39 +344,39 @@ class TrainingRun:
             wrong = f"{error.filename or self.folder}: {error.strerror or error}"
             cure = "choose a folder that can be written to, --out"
             if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
-                cure = "make room there, and go on with --resume"
+                cure = "free some space, and continue with --resume"
             raise TrainingError(f"{wrong}; {cure}") from error
 
     def _check_plan(self, header: run_header.Header) -> None:
-        """Refuse to go on with another plan: it would not be the same run. Files of policies may have moved."""
+        """Raise TrainingError for a different plan: it would not be the same run. Files of policies may have moved."""
         plans = header["plan"], self.config.header()["plan"]
         then, now = (json.loads(json.dumps(plan)) for plan in plans)
         free = ("device", "threads") if "steps" in header["plan"] else ("device", "threads", "steps")
         differ = [key for key in now if now[key] != then.get(key) and key not in free]
         own = self.config.numbers_by_policy
         if "settings" in differ and "preset" not in differ and own == self._numbers(then["settings"]):
-            differ.remove("settings")  # other ones are named, but their values are the preset's
+            differ.remove("settings")  # other settings are named, but their values are the preset's
         if "warm_start" in differ and _same_teacher(str(then.get("warm_start")), now["warm_start"]):
             differ.remove("warm_start")
         if FILES.sub("FILE", str(then.get("opponents"))) == FILES.sub("FILE", now["opponents"]):
             differ = [key for key in differ if key != "opponents"]
         if differ:
             others = ", ".join(f"{key} = {then.get(key)}, not {now[key]}" for key in differ)
-            cure = "go on with the same, or choose another folder with --out"
+            cure = "resume with the same, or choose another folder with --out"
             if differ == ["steps"]:
-                cure = f"its learning rate falls along them; go on with --steps {then['steps']}, or take another --out"
-                cure += f", which may begin with --warm-start {self.folder}" * bool(checkpoints(self.folder))
+                cure = f"its learning rate depends on them; take --steps {then['steps']}, or another --out"
+                cure += f", perhaps with --warm-start {self.folder}" * bool(checkpoints(self.folder))
             raise TrainingError(f"the run in {self.folder} was begun with {others}: {cure}")
 
     def _numbers(self, settings: Any) -> dict[str, Hyperparameters] | None:
-        """Return the preset's hyperparameters with these settings by policy; None if they are no settings."""
+        """Return the preset's hyperparameters with these settings by policy; None if they are invalid."""
         with contextlib.suppress(TrainingError, TypeError, AttributeError):
             return preset(self.config.preset).numbers_by_policy(settings)
         return None
 
 
 def _same_teacher(then: str, now: str) -> bool:
-    """Return whether two warm starts name one file that was moved, or files of one run, of which either will do."""
+    """Return whether two warm starts name one file that was moved, or equivalent files of one run."""
     (one, steps), (other, others) = parse_warm_start(then), parse_warm_start(now)
     moved = is_saved(one) and is_saved(other) and not {one, other} & models().keys() and steps == others
     return moved and (Path(one).name == Path(other).name or Path(one).parent.resolve() == Path(other).parent.resolve())

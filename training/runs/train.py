@@ -30,11 +30,11 @@ class TrainedRun:
     """A run that is complete.
 
     Attributes:
-        folder: Holds run.json, log.csv, TensorBoard's events and checkpoints; `outlast.evaluate` and `outlast.plot`
-            take it.
+        folder: Folder with run.json, log.csv, TensorBoard's events and checkpoints, for `outlast.evaluate` and
+            `outlast.plot`.
         policy: The newest checkpoint, for `outlast.load_policy`.
-        steps: Agent-steps that the newest checkpoint was trained for.
-        logged: The numbers that were logged last, by tag.
+        steps: Agent-steps of training of the newest checkpoint.
+        logged: The last logged numbers, by tag.
     """
 
     folder: Path
@@ -131,12 +131,12 @@ def train(
         **numbers: Numbers of the scenario to change, as in melee_damage=20.
 
     Returns:
-        The run: its folder, its newest checkpoint, and what it logged last.
+        The run: its folder, its newest checkpoint, and its last logged numbers.
 
     Raises:
-        ScenarioError: There is no such scenario or preset.
-        NumberError: The scenario has no such number (perhaps one of the arguments was meant).
-        TrainingError: Another value is not allowed, or the run cannot begin or go on in the folder.
+        ScenarioError: The scenario or preset is unknown.
+        NumberError: The scenario lacks a number (perhaps one of the arguments was meant).
+        TrainingError: Another value is not allowed, or the run cannot begin or resume in the folder.
     """
     given, own = locals(), options_of(TrainingConfig)
     for name, value in numbers.items():
@@ -156,7 +156,7 @@ def train(
 
 
 def _logged_last(folder: Path) -> dict[str, float]:
-    """Return what a run that was already complete logged last, by tag."""
+    """Return the last logged numbers of a run that was already complete, by tag."""
     points = read_log(folder / NAME)
     last = max((steps for own in points.values() for steps, _ in own), default=0)
     return {tag: own[-1][1] for tag, own in points.items() if own[-1][0] == last}
@@ -168,7 +168,7 @@ def usual_folder(config: TrainingConfig) -> Path:
 
 
 def shown(run: TrainingRun, *, quiet: bool) -> None:
-    """Train, and show what the run consists of, how far it is, and how long it takes; see LiveView."""
+    """Train, and show a summary, the progress and the remaining time of the run; see LiveView."""
     config, work = run.config, Workload.of(run.config)
     about = f"{config.scenario.name}, preset {config.preset}, seed {config.seed}: {work}, with an update after each"
     if run.anew:
@@ -191,7 +191,7 @@ def _settings(settings: Any) -> dict[str, Any]:
         return dict(settings or {})
     except (TypeError, ValueError):
         raise TrainingError(
-            f"settings = {settings!r:.200}: numbers of PPO by name are needed, as in {{'gamma': 0.995}}"
+            f"settings = {settings!r:.200}: must be numbers of PPO by name, as in {{'gamma': 0.995}}"
         ) from None
 
 
@@ -199,7 +199,7 @@ def _annealed(anneal: Any) -> tuple[Anneal, ...]:
     texts = [anneal] if isinstance(anneal, str) else anneal
     if not isinstance(texts, Sequence) or not all(isinstance(text, str) for text in texts):
         raise TrainingError(
-            f"anneal = {anneal!r:.200}: a text or a list of texts is needed, as in 'rewards_kill=10:0@5e6'; () for none"
+            f"anneal = {anneal!r:.200}: must be a text or a list of texts, as in 'rewards_kill=10:0@5e6'; () for none"
         )
     return parse_anneal(texts)
 
@@ -207,7 +207,7 @@ def _annealed(anneal: Any) -> tuple[Anneal, ...]:
 def _start(warm_start: Any) -> str:
     start = text_of(warm_start) if isinstance(warm_start, os.PathLike) else warm_start
     if not isinstance(start, str):
-        needed = f"a name, such as '{TEACHERS[0]}', or the path of a saved policy is needed; '' for none"
+        needed = f"must be a name, such as '{TEACHERS[0]}', or the path of a saved policy; '' for none"
         raise TrainingError(f"warm_start = {start!r:.200}: {needed}")
     return start
 
@@ -215,12 +215,12 @@ def _start(warm_start: Any) -> str:
 def _weights(opponents: Any) -> dict[str, float]:
     if isinstance(opponents, str):
         return parse_lineup(opponents, OPPONENTS)
-    needed = "names or paths of saved policies are needed, with weights, as in {'self': 1, 'runs/a': 1}"
+    needed = "must be names or paths of saved policies, with weights, as in {'self': 1, 'runs/a': 1}"
     if not isinstance(opponents, Mapping):
         raise TrainingError(f"opponents = {opponents!r:.200}: {needed}")
     for name in opponents:
         if not isinstance(name, str | os.PathLike):
-            raise TrainingError(f"opponents: {name!r:.200} is no opponent of training: {needed}")
+            raise TrainingError(f"opponents: {name!r:.200} is not an opponent: they {needed}")
     return {str(name): weight for name, weight in checked_entries(opponents.items(), OPPONENTS)}
 
 

@@ -1,4 +1,4 @@
-"""Watching a run while it goes on: episodes of its newest checkpoint, and the numbers of its log."""
+"""Watching a run while it trains: episodes of its newest checkpoint, and the numbers of its log."""
 
 import base64
 import contextlib
@@ -19,9 +19,9 @@ from ..base.errors import TrainingError
 from ..base.run_summary import headline
 from .episode import episode
 
-MOST = 5000  # ticks of an episode that are shown, at most
-CHARTED, POINTS = ("episodes", "wins"), 120  # groups of figures that have a chart; its points, at most
-POLL, AWAY = 0.5, 15.0  # seconds: between looks at the folder; without a request, after which nobody is watching
+MOST = 5000  # maximum ticks of an episode that are shown
+CHARTED, POINTS = ("episodes", "wins"), 120  # groups of figures with a chart; maximum points of a chart
+POLL, AWAY = 0.5, 15.0  # seconds: between checks of the folder; without a request, after which no page is watching
 logger = logging.getLogger(__name__)
 Json = dict[str, Any]
 
@@ -29,19 +29,19 @@ Json = dict[str, Any]
 class RunWatcher:
     """A run in a folder, for a page: a Feed of outlast.envs.web.replay.server.
 
-    Nothing is computed unless it is requested. A checkpoint that cannot be played is reported, and the newest one that
-    can is played instead. The first episode is there from its first tick on, and grows; later ones are there as wholes.
+    Work is done on request only. A checkpoint that cannot be played is reported, and the newest playable one is
+    played instead. The first episode grows tick by tick; later ones are available once they are complete.
     """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.asked = 0.0  # when a page last asked, of time.monotonic()
+        self.asked = 0.0  # time of the last request, of time.monotonic()
         self.recorded: Json | None = None  # the newest episode, see Feed
-        self.source: tuple[Path, int] | None = None  # its checkpoint, and when that was written
+        self.source: tuple[Path, int] | None = None  # its checkpoint, and the time when that was written
         self.taken = False  # whether a page has fetched it
-        self.differs = ""  # how what is played differs from what was trained in
-        self.broken: dict[tuple[Path, int], str] = {}  # checkpoints that cannot be played, and why
-        self.log: tuple[Any, list[Json], str] = None, [], ""  # the file's state, figures, what is wrong with it
+        self.differs = ""  # difference between the game played and that of training
+        self.broken: dict[tuple[Path, int], str] = {}  # checkpoints that cannot be played, with reasons
+        self.log: tuple[Any, list[Json], str] = None, [], ""  # the file's state, figures, its fault
         self.lock = threading.Lock()  # protects `log`
 
     def status(self) -> Json:
@@ -64,13 +64,13 @@ class RunWatcher:
         }
 
     def episode(self) -> Json | None:
-        """Return the newest episode. Once it has been fetched, another one is recorded."""
+        """Return the newest episode. After it was fetched, another one is recorded."""
         self.asked, found = time.monotonic(), self.recorded
         self.taken = True
         return found
 
     def record(self, stop: threading.Event) -> None:
-        """Record episodes whenever there is something new to see, until `stop`."""
+        """Record an episode whenever a newer one is needed, until `stop`."""
         number = 0
         while not stop.is_set():
             if (source := self._wanted()) is None:
@@ -80,7 +80,7 @@ class RunWatcher:
                 self._record(source, number, stop)
 
     def _wanted(self) -> tuple[Path, int] | None:
-        """Return the checkpoint to record an episode of now, if any."""
+        """Return the checkpoint whose episode is to be recorded now, if any."""
         if time.monotonic() - self.asked > AWAY:
             return None
         source = next((found for found in self._checkpoints() if found not in self.broken), None)
@@ -92,10 +92,10 @@ class RunWatcher:
             with episode(path, seed=number, most=MOST) as played:
                 game, differs = played.scenario.name, played.differs
                 known = {"number": number, "steps": _steps(path), "game": game}
-                self.differs = f"This {game} is not quite what it was trained in: {differs}." if differs else ""
+                self.differs = f"This {game} differs from the game of its training: {differs}." if differs else ""
 
                 def grown(recorded: Recorded) -> None:
-                    """Publish the beginning of an episode at ticks 0, 1, 3, 7 and so on, if there is nothing else."""
+                    """Publish the beginning of an episode at ticks 0, 1, 3, 7, ..., before the first complete one."""
                     ticks = _ticks(recorded)
                     if not ticks & (ticks - 1) and not (self.recorded and self.recorded["whole"]):
                         self.recorded = _published(known, recorded, whole=False)
@@ -112,29 +112,29 @@ class RunWatcher:
         self.recorded, self.source, self.taken = made, source, False
 
     def _checkpoints(self) -> list[tuple[Path, int]]:
-        """Return the checkpoints and when they were written (nanoseconds since 1970), the newest first."""
+        """Return the checkpoints and their times (nanoseconds since 1970), the newest first."""
         found = []
         with contextlib.suppress(OSError):  # the folder cannot be read now
             for path in reversed(checkpoints(self.folder)):
-                with contextlib.suppress(OSError):  # it was removed a moment ago
+                with contextlib.suppress(OSError):  # it was just removed
                     found.append((path, path.stat().st_mtime_ns))
         return found
 
     def _waiting(self, found: list[tuple[Path, int]]) -> str:
         if not self.folder.is_dir():
-            return f"There is no folder {self.folder} any more."
+            return f"The folder {self.folder} does not exist any more."
         if not found:
-            return f"There is no checkpoint in {self.folder} yet: the first one will be played."
+            return f"{self.folder} has no checkpoint yet: the first one will be played."
         return "" if self.recorded or self.broken.keys() >= {*found} else "The first episode is being played."
 
     def _figures(self) -> tuple[list[Json], str]:
-        """Return what the log says, read again when it has changed; and what is wrong with it."""
+        """Return the figures of the log, read again when it has changed; and its fault."""
         path = self.folder / log_file.NAME
         try:
             status = path.stat()
-        except OSError:  # it is not there yet
+        except OSError:  # the file does not exist yet
             return [], ""
-        if not status.st_size:  # its first line is not there yet
+        if not status.st_size:  # its first line is not written yet
             return [], ""
         state = status.st_mtime_ns, status.st_size
         if self.log[0] != state:
@@ -167,25 +167,25 @@ def figures(points: log_file.Points) -> list[Json]:
 
 
 def _thinned(points: list[tuple[int, float]]) -> list[tuple[int, float]]:
-    """Reduce points to at most POINTS, each the mean of some neighbours, at the agent-steps of the last of these."""
+    """Reduce points to at most POINTS, each the mean of neighbours, at the last of their agent-steps."""
     size = max(1, -(-len(points) // POINTS))
     parts = [points[k : k + size] for k in range(0, len(points), size)]
     return [(part[-1][0], sum(value for _, value in part) / len(part)) for part in parts]
 
 
 def _ticks(recorded: Recorded) -> int:
-    """Return how many ticks the only world has, with that of the reset."""
+    """Return the number of ticks of the only world, including the reset."""
     return sum(len(episode.rows) for episodes in recorded.values() for episode in episodes)
 
 
 def _published(known: Json, recorded: Recorded, *, whole: bool) -> Json:
-    """Return an episode as a page gets it, see Feed. known: what is known of it ahead: number, steps, game."""
+    """Return an episode for a page, see Feed. known: Known beforehand: number, steps, game."""
     data = base64.b64encode(pack([PageRoom(known["game"], recorded)])).decode()
     return known | {"ticks": _ticks(recorded), "whole": whole, "data": data}
 
 
 def _steps(path: Path) -> int:
-    """Return agent-steps in the name of a checkpoint; 0 if it was given another name."""
+    """Return the agent-steps in the name of a checkpoint; 0 for another name."""
     number = path.stem.rpartition("_")[2]
     return int(number) if number.isdecimal() else 0
 
