@@ -139,7 +139,7 @@ class Evaluation:
 
         side: Only from episodes in which `policy` plays that side; None: from all episodes.
 
-        Raises TrainingError if there is no such pairing, or it is not complete.
+        Raises TrainingError if the pairing is unknown or not complete.
         """
         names = [contender.label for contender in self.chosen]
         for pairing in self.pairings:

@@ -154,9 +154,9 @@ class Pairing:
     results: MatchResults
 
     def estimates(self, role: int, side: int | None = None) -> Estimates:
-        """Return estimates for the policy in that role. NaN where there was nothing to measure.
+        """Return estimates for the policy in that role. NaN for quantities without a measurement.
 
-        side: Only from the episodes in which it plays that side; of a policy against itself, these are all. None: from
+        side: From the episodes in which it plays that side only; against itself, these are all. None: from
         all episodes, in half of which it plays another side.
         """
         figures = self.results.figures
