@@ -154,13 +154,13 @@ RESTS: dict[str, tuple[Callable[[Any], Any], str]] = {
         "opponents in .* do not fit the run",
     ),
     "no generator": (lambda rest: rest["learners"][0].pop("minibatches"), "does not fit the run"),
-    "no moment": (lambda rest: rest["learners"][0]["optimiser"]["0"].pop("step"), "optimiser 0 in .* is not what a"),
+    "no moment": (lambda rest: rest["learners"][0]["optimiser"]["0"].pop("step"), "optimiser 0 in .* does not fit the"),
     "a shape": (lambda rest: moment(rest, "exp_avg", torch.zeros(3)), r"optimiser 0 exp_avg .*\(3,\): .* is needed"),
     "a type": (lambda rest: moment(rest, "step", torch.zeros((), dtype=torch.int64)), "step .* is torch.int64"),
     "a time": (lambda rest: moment(rest, "step", torch.tensor(float("nan"))), "optimiser 0 step .* is not finite"),
     "the past": (lambda rest: moment(rest, "step", torch.tensor(-1.0)), "step of parameter 0 .* is -1"),
     "a name": (lambda rest: moment(rest, "more", torch.zeros(3)), "optimiser 0 in .* does not fit the run"),
-    "a parameter": (lambda rest: rest["learners"][0]["optimiser"].pop("1"), "optimiser in .* is not what a run"),
+    "a parameter": (lambda rest: rest["learners"][0]["optimiser"].pop("1"), "optimiser in .* does not fit the run"),
     "a generator": (lambda rest: random_at(rest, 624, 624), "in an invalid state"),
     "left": (lambda rest: random_at(rest, -1, 5), "in an invalid state"),
     "no rewards": (lambda rest: rest.update(rewards=None), NO_REWARDS),
@@ -183,15 +183,15 @@ RESTS: dict[str, tuple[Callable[[Any], Any], str]] = {
     ),
     "an opponent": (
         lambda rest: rest["lane"]["opponent"].fill_(3),
-        "lane in rest.safetensors .* names players that there are not",
+        "lane in rest.safetensors .* names players that do not exist",
     ),
     "a side": (
         lambda rest: rest["lane"]["own"].fill_(9),
-        "lane in rest.safetensors .* names players that there are not",
+        "lane in rest.safetensors .* names players that do not exist",
     ),
     "no side": (
         lambda rest: rest["lane"]["own"].fill_(-1),
-        "lane in rest.safetensors .* names players that there are not",
+        "lane in rest.safetensors .* names players that do not exist",
     ),
     "lives": (lambda rest: rest["lane"].update(life=torch.zeros(1)), "lane life in rest.safetensors .* is needed"),
     "a memory": (
@@ -271,13 +271,13 @@ def test_a_run_goes_on_with_rewards_at_their_limits(trainer: Trainer, files: Fil
 
 
 PLACES: dict[str, tuple[dict[str, Any], str, str]] = {
-    "nowhere": ({"a/b": np.zeros(3)}, "{}", "there is no place for its tensor a/b"),
-    "in a list": ({"a/7/b": np.zeros(3)}, '{"a":[{}]}', "there is no place for its tensor a/7/b"),
-    "of a list": ({"a/0": np.zeros(3)}, '{"a":[0]}', "there is no place for its tensor a/0"),
-    "in a text": ({"a/b": np.zeros(3)}, '{"a":"b"}', "there is no place for its tensor a/b"),
-    "of a number": ({"a": np.zeros(3)}, "3", "there is no place for its tensor a"),
-    "where something is": ({"a": np.zeros(3)}, '{"a":1}', "there is no place for its tensor a"),
-    "in a tensor": ({"a": np.zeros(3), "a/b": np.zeros(3)}, "{}", "there is no place for its tensor a/b"),
+    "nowhere": ({"a/b": np.zeros(3)}, "{}", "its tensor a/b has no place"),
+    "in a list": ({"a/7/b": np.zeros(3)}, '{"a":[{}]}', "its tensor a/7/b has no place"),
+    "of a list": ({"a/0": np.zeros(3)}, '{"a":[0]}', "its tensor a/0 has no place"),
+    "in a text": ({"a/b": np.zeros(3)}, '{"a":"b"}', "its tensor a/b has no place"),
+    "of a number": ({"a": np.zeros(3)}, "3", "its tensor a has no place"),
+    "where something is": ({"a": np.zeros(3)}, '{"a":1}', "its tensor a has no place"),
+    "in a tensor": ({"a": np.zeros(3), "a/b": np.zeros(3)}, "{}", "its tensor a/b has no place"),
     "no text": ({"a": np.zeros(3)}, "", "Expecting value"),
     "twice": ({}, '{"a":1,"a":2}', "it has 'a' twice"),
     "deep": ({}, "[" * 200_000, "recursion|nested"),
@@ -288,7 +288,7 @@ PLACES: dict[str, tuple[dict[str, Any], str, str]] = {
 @pytest.mark.parametrize("what", PLACES)
 def test_each_tensor_has_a_place(trainer: Trainer, files: Files, what: str) -> None:
     tensors, text, reason = PLACES[what]
-    with pytest.raises(TrainingError, match=f"rest.safetensors of the checkpoint is not what a run .*{reason}"):
+    with pytest.raises(TrainingError, match=f"rest.safetensors of the checkpoint does not fit the run.*{reason}"):
         resume.restore(trainer, files | {REST: policy_file.tensors_content(tensors, text)})
 
 
@@ -312,8 +312,8 @@ def test_weights_of_something_else_are_refused(trainer: Trainer, files: Files) -
         (weights | {"actor.last.bias": torch.zeros(3)}, r"actor.last.bias in policy.safetensors of .* \(3,\)"),
         (weights | {"actor.first.weight": first.double()}, "actor.first.weight .* is torch.float64 .* is needed"),
         (weights | {"actor.first.weight": first.half()}, "actor.first.weight .* is torch.float16 .* is needed"),
-        (weights | {"actor.first.weight": first * 1e38}, "beyond 1000, or that are none"),
-        (weights | {"actor.first.weight": first * np.nan}, "beyond 1000, or that are none"),
+        (weights | {"actor.first.weight": first * 1e38}, "are NaN or beyond 1000"),
+        (weights | {"actor.first.weight": first * np.nan}, "are NaN or beyond 1000"),
     ):
         with pytest.raises(TrainingError, match=reason):
             resume.restore(trainer, files | {WEIGHTS: checkpoint.policies_content([given])})
@@ -332,11 +332,11 @@ HEADERS: dict[str, tuple[dict[str, Any], str]] = {
     "no shape": ({"observations": {"own": 7}}, "its observations cannot be"),
     "negative": ({"observations": {"own": [-7]}}, "its observations cannot be"),
     "huge": ({"observations": {"own": [10**9]}}, "its observations cannot be"),
-    "large": ({"observations": {"own": [60_000]}}, "what is saved is too small for the observations"),
+    "large": ({"observations": {"own": [60_000]}}, "the saved weights are too small for the observations"),
     "small": ({"observations": {"own": [3]}}, "observations that do not fit each other"),
     "masks": ({"observations": {"own": [9], "others": [3, 9], "others_mask": [4]}}, "its observations cannot be"),
     "actions": ({"actions": [3, 0]}, "its actions cannot be"),
-    "many actions": ({"actions": [60_000]}, "what is saved is too small for the observations"),
+    "many actions": ({"actions": [60_000]}, "the saved weights are too small for the observations"),
     "other actions": ({"actions": [3, 3]}, "actor.last.weight in policy.safetensors"),
     "no fields": ({"fields": {"own": {}}}, "its fields cannot be"),
     "field": ({"fields": {"own": {"id": 1}}}, "its fields cannot be"),

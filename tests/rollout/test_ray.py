@@ -289,7 +289,7 @@ def test_training_on_a_cluster_gives_the_numbers_of_one_process(workers):
     ("work", "message"),
     [
         (1, "process . of 3: nothing ends here"),
-        pytest.param(2, r"process . of 3 was lost \(.*\); go on with --resume", marks=pytest.mark.nightly),
+        pytest.param(2, r"process . of 3 was lost \(.*\); continue with --resume", marks=pytest.mark.nightly),
     ],
 )
 def test_training_says_why_a_worker_ended(workers, work, message):

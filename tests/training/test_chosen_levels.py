@@ -121,7 +121,7 @@ def test_levels_go_with_opponents_and_imitation() -> None:
 @pytest.mark.parametrize(
     ("returned", "reason"),
     [
-        ([], "what was chosen are no levels: there is none"),
+        ([], "the function returned an empty list of levels"),
         (None, "levels = None: a list of outlast.levels.Level is needed"),
         (Level(), r"levels = Level\(.*: a list of outlast.levels.Level is needed"),
         ([3], "level 0 is 3: an outlast.levels.Level is needed"),
@@ -145,7 +145,7 @@ def test_what_cannot_choose_is_refused() -> None:
     game = variant("ffa_1").with_(plan.mechanic(1)).vary(walls_layout=free(plan.layout(1)))
     chosen = [Level()] * 99_999 + [Level({"walls_layout": (0, 0, -1, 1, 0, 0)})]
     trainer = Trainer(config(lambda progress: chosen, scenario=game))
-    with pytest.raises(TrainingError, match=r"what was chosen are no levels: level 99999: walls\.layout: rectangle 0"):
+    with pytest.raises(TrainingError, match=r"must return levels: level 99999: walls\.layout: rectangle 0"):
         trainer.collect()
 
 

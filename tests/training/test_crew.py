@@ -159,7 +159,7 @@ def test_a_process_that_is_killed_ends_the_run_which_can_be_resumed(
         if run.done == EACH and run.now == "epoch 2":
             run.crew._others.processes[0].kill()  # type: ignore[attr-defined]
 
-    with pytest.raises(TrainingError, match=r"^process 2 of 2 was ended by signal 9; go on with --resume$"):
+    with pytest.raises(TrainingError, match=r"^process 2 of 2 was ended by signal 9; continue with --resume$"):
         run.train(kill)
     assert stopped(run)
     assert newest(tmp_path).name == CHECKPOINT.format(EACH)

@@ -209,7 +209,7 @@ def test_what_cannot_meet_is_refused(tmp_path: Path) -> None:
     assert chosen[0].player is not None
     chosen[0].player.header["actions"] = [3, 3]
     with pytest.raises(
-        TrainingError, match=r"trained where actions have \[3, 3\] values, and here they have \[3, 3, 3"
+        TrainingError, match=r"trained where actions have \[3, 3\] values, but here they have \[3, 3, 3"
     ):
         Evaluation(variant("teams_3"), chosen, worlds=2)
     with pytest.raises(TrainingError, match="one side"):

@@ -178,7 +178,7 @@ def test_a_start_by_imitation_and_one_with_saved_weights(tmp_path: Path) -> None
     own, other = trainer.policies[0].state_dict(), load_policy(path).policies[0].state_dict()
     assert all(torch.equal(own[name], other[name]) for name in own)
     for changes in ({"memory": 0}, {"critic": "state"}):
-        with pytest.raises(TrainingError, match="of preset 'fast' with memory 8 and state 0, those to be trained"):
+        with pytest.raises(TrainingError, match="of preset 'fast' with memory 8 and state 0, but those to be trained"):
             Trainer(config(warm_start=path, **changes)).take_weights()
 
 
@@ -220,16 +220,16 @@ def test_play_is_that_of_the_policy_and_forgets_where_an_episode_begins(tmp_path
 def test_a_player_must_know_where_episodes_begin(tmp_path: Path) -> None:
     path = saved(tmp_path / "a.zip")
     player, observations = load_policy(path), make_vec(SHORT, 3, seed=1).reset()[0]
-    with pytest.raises(TrainingError, match=r"memory of None worlds, and observes \(3,\): tell it where .*reset"):
+    with pytest.raises(TrainingError, match=r"memory of None worlds, but observes \(3,\): tell it where .*reset"):
         player(observations)
     with pytest.raises(TrainingError, match="tell it of all worlds first"):
         player.reset(np.array([True, False, True]))
     player.reset(np.ones(2, bool))
-    with pytest.raises(TrainingError, match=r"memory of \(2,\) worlds, and observes \(3,\)"):
+    with pytest.raises(TrainingError, match=r"memory of \(2,\) worlds, but observes \(3,\)"):
         player(observations)
     player.reset(np.ones(3, bool))
     player(observations)
-    with pytest.raises(TrainingError, match="memory of 6 agents, and observes 3"):
+    with pytest.raises(TrainingError, match="memory of 6 agents, but observes 3"):
         player({key: values[:, :1] for key, values in observations.items()})
     assert load_policy(saved(tmp_path / "b.zip", memory=0)).reset is None
 

@@ -255,7 +255,7 @@ def test_what_no_extractor_can_be_is_refused() -> None:
     layout, observations, own = seen("ffa_2", "original", worlds=1, steps=0)
     with pytest.raises(ValueError, match="unknown preset 'big'; known: original, paper, scaled"):
         preset("big")
-    with pytest.raises(ValueError, match="a leaky one has tanh"):
+    with pytest.raises(ValueError, match="with leaky, the activation must be tanh"):
         Extractor(layout, replace(PRESETS["original"], activation="relu"), own)
     inputs = packed("original", layout, observations)
     inputs.packed.requires_grad_()

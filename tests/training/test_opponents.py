@@ -90,7 +90,7 @@ def test_past_selves_are_spaced_evenly_and_kept_while_they_play() -> None:
     again.restore(given, trainer.policies, "")
     assert again.report()["games/past"] == 2 * PAST_SELVES
     for wrong in (-1, 1.5, True, None):
-        with pytest.raises(TrainingError, match="not what a run goes on with"):
+        with pytest.raises(TrainingError, match="does not fit the run"):
             again.restore(given | {"dropped": wrong}, trainer.policies, "")
 
 
@@ -249,7 +249,7 @@ def test_policies_of_sides_play_their_sides_from_a_file(tmp_path: Path) -> None:
     assert (actions[:, 2:, 0] == 2).all()
 
 
-ALONE = "opponents need a side of their own, and here is one side only"
+ALONE = "opponents need a side of their own, but this game has one side"
 VARIES = "policies = 'side': {} varies, and the sides of agents with it"
 
 

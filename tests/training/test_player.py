@@ -205,7 +205,7 @@ def test_what_does_not_fit_is_a_sentence(tmp_path: Path) -> None:
     player = Player(tmp_path / "a.zip")
     for here, words in (
         (variant("teams_2"), "it needs box_items, box_slot, boxes; give"),
-        (variant("teams_3").replace(n_heals=5), "heals is 15 x 2 in training and 5 x 2 here; give"),
+        (variant("teams_3").replace(n_heals=5), "heals is 15 x 2 in training but 5 x 2 here; give"),
         (variant("ffa_1"), "it needs box_items, box_slot, boxes; others is 3 x "),
     ):
         with pytest.raises(TrainingError, match=f"a.zip: .* was trained on teams_3 and does not fit here: {words}"):
@@ -315,7 +315,7 @@ def test_weights_of_another_policy_are_refused(places: dict[str, Path], tmp_path
     cases: list[tuple[dict[str, Any], dict[str, Any], str]] = [
         ({}, {name: own[name] for name in list(own)[1:]}, "does not hold the weights"),
         ({}, own | {"critic.last.bias": np.zeros(1, np.float32)}, "does not hold the weights"),
-        ({}, own | {"actor.last.bias": np.full(own["actor.last.bias"].shape, np.nan)}, "beyond 1000, or that are none"),
+        ({}, own | {"actor.last.bias": np.full(own["actor.last.bias"].shape, np.nan)}, "are NaN or beyond 1000"),
         ({"actions": [60_000]}, own, "too small for the observations"),
         ({"actions": [3, 3]}, own, "actor.last.weight"),
         ({"memory": 9}, own, "does not hold the weights"),

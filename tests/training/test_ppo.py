@@ -368,7 +368,7 @@ def test_every_number_that_can_be_set_changes_an_update(name: str) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"device": "abacus"}, "there is no abacus here; take cpu"),
+        ({"device": "abacus"}, "device abacus does not exist here; take cpu"),
         ({"dead": "bury"}, "dead = 'bury': allowed are 'keep', 'drop'"),
         ({"worlds": 8, "rollout": 100}, "100 steps cannot be shared evenly by 8 worlds: .* such as --rollout 96"),
         ({"target_kl": None}, "target_kl=None: a number like 0.01 is needed"),

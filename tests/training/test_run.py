@@ -310,7 +310,7 @@ def pay_much(reward: Write[Reward], pay: float) -> None:
     [
         (1e31, "fast", {}, r"rewards, or their discounted sums, are beyond 1e\+30, .*: pay less"),
         (9e29, "fast", {}, r"rewards, or their discounted sums, are beyond 1e\+30"),
-        (0, "fast", {}, r"rewards are no finite numbers \(NaN or infinity\): a mechanic computes"),
+        (0, "fast", {}, r"rewards are not finite \(NaN or infinity\): a mechanic computes"),
         (1e20, "paper", {}, "training diverged: after .* train/value_loss is inf; begin again .* smaller rewards"),
         (1, "fast", {"learning_rate": 1e4}, r"training diverged: after \d+ agent-steps .* lower learning rate"),
     ],

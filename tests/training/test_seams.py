@@ -154,7 +154,7 @@ def test_sides_have_networks_and_numbers_of_their_own(tmp_path: Path) -> None:
         trained("parts", 4, resume=True, settings=seekers | {"seeker:n_epochs": 4})
     for given, words in (
         ({"settings": {"seekr:n_epochs": 4}}, "there is no policy 'seekr' to train; did you mean seeker"),
-        ({"networks": {"finder": Pooled}}, "networks: there is no policy 'finder' to train; did you mean hider"),
+        ({"networks": {"finder": Pooled}}, "networks: unknown policy 'finder'; did you mean hider"),
         ({"settings": {"seeker:gamma": 0.9}}, "seeker:gamma: all policies share gamma"),
         ({"policies": "shared"}, "of one side need policies of their own: take policies = 'side'"),
     ):
@@ -241,16 +241,16 @@ def mean(batch: Any) -> Any:
     ("given", "words"),
     [
         ({"loss": lambda batch: (batch.returns - batch.values).square().mean()}, "and those of its halves are .* must"),
-        ({"loss": lambda batch: 1.0}, "returns 1.0: a tensor without axes is needed"),
-        ({"loss": lambda batch: batch.values}, "a tensor without axes is needed"),
-        ({"loss": lambda batch: batch.mean(batch.returns)}, "a tensor without axes is needed, computed from the netw"),
+        ({"loss": lambda batch: 1.0}, "returns 1.0: it must return a tensor without axes"),
+        ({"loss": lambda batch: batch.values}, "it must return a tensor without axes"),
+        ({"loss": lambda batch: batch.mean(batch.returns)}, "a tensor without axes, computed from the netw"),
         ({"loss": lambda batch: (mean(batch), {"values": batch.values})}, "figure 'values' must be one number"),
-        ({"loss": lambda batch: (mean(batch), {"approx_kl": 1.0})}, "figure 'approx_kl', which is logged anyway"),
+        ({"loss": lambda batch: (mean(batch), {"approx_kl": 1.0})}, "figure 'approx_kl', which is always logged"),
         ({"loss": lambda batch: (mean(batch), [1.0])}, r"figures \[1.0\]: a dict by names"),
-        ({"loss": lambda batch: (mean(batch), {f"f{id(batch)}": 1.0})}, "returns other figures than before"),
+        ({"loss": lambda batch: (mean(batch), {f"f{id(batch)}": 1.0})}, "returns different figures than before"),
         ({"loss": "squared"}, "loss = 'squared': must be a function that takes a batch"),
         ({"loss": lambda batch: mean(batch), "processes": 2}, r"loss = .*<lambda> cannot be imported"),
-        ({"networks": NoLogs}, "NoLogs returns no log probabilities"),
+        ({"networks": NoLogs}, "NoLogs does not return log probabilities"),
         ({"networks": WideValues}, r"WideValues returns tensors of shapes .* are needed"),
         ({"networks": Rows}, "networks = .*Rows.*: must be a subclass of outlast.training.policies.policy.Networks"),
         ({"networks": lambda *sizes, **given: None}, "networks = .*<lambda> cannot be imported"),

@@ -1,1 +1,1 @@
-"""Policies: observations as tensors, networks, the files they are saved in, and players that act by them."""
+"""Policies: observations as tensors, networks, files of weights, and players that act by them."""

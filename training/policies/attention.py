@@ -1,7 +1,7 @@
-"""Attention among the rows of each agent in compiled code, for the CPU; networks.Extractor has it in PyTorch's.
+"""Attention among the rows of each agent in compiled code for the CPU; networks.Extractor has it in PyTorch.
 
-An agent sees a row or two. PyTorch needs lists of all pairs of rows and some twenty operations on them, and spends most
-of its time on lists and calls.
+An agent sees one or two rows. PyTorch needs lists of all pairs of rows and about twenty operations on them, and spends
+most of its time on lists and calls.
 """
 
 import math
@@ -26,19 +26,19 @@ def attend(
 ) -> int:  # fmt: skip
     """Average the outputs of attention over the rows of each agent. Most arguments are addresses and bytes.
 
-    A head has HEAD numbers, and what belongs to a head is written HEAD times, so that vectors need not be rearranged.
+    A head has HEAD numbers. A value of a head is written HEAD times, so that vectors need not be rearranged.
 
     Args:
         rows: float32, query, key and value of each row, width each, agent after agent.
         stride: Bytes from one row to the next.
         count: int64 (agents,), rows of each agent.
-        agents: How many there are.
+        agents: Number of agents.
         width: Numbers of a query, a multiple of 16.
-        likely: float32 (pairs, width), written: how much each row attends to each row of its agent.
+        likely: float32 (pairs, width), written: the attention of each row to each row of its agent.
         shares: float32 (rows, width), written: the means of these over the rows that attend.
-        share_stride: Bytes from one row of them to the next.
+        share_stride: Bytes from one row of `shares` to the next.
         means: float32 (agents, width), written: sums of the values by these shares; 0 for an agent without rows.
-        mean_stride: Bytes from one row of them to the next.
+        mean_stride: Bytes from one row of `means` to the next.
     """
     width, scale = 4 * width, np.float32(1 / math.sqrt(HEAD))
     zero, one = repeated(np.float32(0)), repeated(np.float32(1))
@@ -88,7 +88,7 @@ def differentiate(
     """Compute the gradients of `attend`, whose arguments and results come first; `shares` is overwritten.
 
     shares: Becomes the gradients of these shares. slopes: float32 (agents, width), gradients of the means.
-    slope_stride: Bytes from one row of them to the next. found: float32, written: gradients of rows, at their stride.
+    slope_stride: Bytes from one row of `slopes` to the next. found: float32, written: gradients of rows, at `stride`.
     """
     width, scale, zero = 4 * width, np.float32(1 / math.sqrt(HEAD)), repeated(np.float32(0))
     for i in range(agents):
@@ -118,7 +118,7 @@ def differentiate(
 
 
 def possible(rows: Tensor, heads: int) -> bool:
-    """Return whether the kernels can take these rows; otherwise PyTorch's operations do."""
+    """Return whether the kernels can process these rows; otherwise PyTorch's operations do."""
     whole = rows.shape[1] == 3 * HEAD * heads and heads % (BYTES // 4 // HEAD) == 0
     return whole and rows.device.type == "cpu" and rows.dtype == torch.float32 and compiled()
 

@@ -1,9 +1,9 @@
-"""Attention as in the authors' code: all rows are attended to, even hidden ones; visible ones and a padding row attend.
+"""Attention as in the authors' code: keys are all rows, even hidden ones; queries are visible rows and a padding row.
 
-Four things make it fast. Samples are sorted by how many of their rows attend, so that samples with equally many are one
-batched product, and none is filled up. Linear maps are applied where there are fewest rows: that of keys to the
-queries, those of values and outputs after the sum over queries. All rows of a kind are embedded in one product. And the
-gradient is written out: a few large products, where autograd would make and keep dozens of tensors.
+Four things make it fast. Samples are sorted by their number of queries, so that samples with the same number are one
+batched product without padding. Linear maps are applied where there are fewest rows: that of keys to the queries,
+those of values and outputs after the sum over queries. All rows of a kind are embedded in one product. The gradient is
+written out: a few large products, where autograd would create and keep dozens of tensors.
 """
 
 from collections.abc import Iterator
@@ -23,16 +23,16 @@ def attend(padded: PaddedRows, weight: Tensor, bias: Tensor, attention: nn.Multi
     Rows are embedded with tanh. The padding row, behind all others, is embedded as zeros and visible in every sample.
     Logits of hidden rows are raised by 1, as the authors add their mask to the logits.
 
-    Returns (batch, width). Raises ValueError: a gradient with respect to the observations is asked for.
+    Returns (batch, width). Raises ValueError: a gradient by the observations is requested.
 
-    weight, bias: Of the layers of all kinds, one below the other, (numbers of all kinds, width) and (kinds, width).
-    attention: Only its parameters and its number of heads are used.
+    weight, bias: Parameters of the layers of all kinds, stacked, (numbers of all kinds, width) and (kinds, width).
+    attention: Used for its parameters and its number of heads.
     """
     if padded.packed.requires_grad:
         raise ValueError("preset 'original' has gradients by its parameters only, not by observations; detach these")
     width, heads = attention.embed_dim, attention.num_heads
     query, key, value = attention.in_proj_weight.view(3, heads, -1, width)
-    query_bias, _, value_bias = attention.in_proj_bias.view(3, heads, -1)  # the key's bias changes no attention
+    query_bias, _, value_bias = attention.in_proj_bias.view(3, heads, -1)  # the key's bias does not change attention
     queries = torch.cat([query, query_bias[:, :, None]], 2) * query.shape[1] ** -0.5
     to_keys = torch.bmm(key.transpose(1, 2), queries).view(heads * width, width + 1)  # the last column is the bias
     out = attention.out_proj
@@ -49,8 +49,8 @@ def attend(padded: PaddedRows, weight: Tensor, bias: Tensor, attention: nn.Multi
 class _Mix(torch.autograd.Function):
     """The embedded rows of each sample, weighted by softmax and summed over its queries: (batch, heads * width).
 
-    counts: (batch,), how many rows are visible, with the padding row; samples are sorted by it. to_keys: the linear map
-    from an embedded row to what each head multiplies all rows by, (heads * width, width + 1), the last column its bias.
+    counts: (batch,), number of visible rows, including the padding row; samples are sorted by it. to_keys: the linear
+    map from an embedded row to each head's factor for all rows, (heads * width, width + 1), the bias last.
     """
 
     @staticmethod

@@ -1,8 +1,8 @@
-"""Checkpoints: one .zip file with everything that a run needs to go on as if it had never stopped.
+"""Checkpoints: one .zip file with everything that a run needs to continue as if it had never stopped.
 
-It contains policy.safetensors (see policy_file), rest.safetensors (what else a run goes on with: its tensors, with all
-other values as JSON in the metadata), worlds.npz (see envs.snapshots), and run.json (see run_header), which says what
-the policy was trained in, and how. Nothing in it is executed.
+It contains policy.safetensors (see policy_file), rest.safetensors (the further state of a run: tensors, with all
+other values as JSON in the metadata), worlds.npz (see envs.snapshots), and run.json (see run_header), which describes
+the game and the settings of training. Nothing in it is executed.
 """
 
 import json
@@ -26,7 +26,7 @@ from .policy import Networks
 
 REST = "rest.safetensors"
 WORLDS = "worlds.npz"
-HEAVIEST = 1000  # the largest weight: with larger ones sums may overflow to NaN, from which no action can be chosen
+HEAVIEST = 1000  # the largest weight: with larger ones sums may overflow to NaN, which allows no choice of an action
 
 
 def write_checkpoint(path: Path, files: dict[str, bytes]) -> None:
@@ -47,13 +47,11 @@ def header_of(files: dict[str, bytes]) -> run_header.Header:
 
 
 def check_fields(header: run_header.Header, env: SurvivalVectorEnv) -> None:
-    """Raise TrainingError if observations have other fields here than in training."""
+    """Raise TrainingError if the fields of observations differ from those in training."""
     for key, fields in header["fields"].items():
         known, here = ", ".join(fields), ", ".join(env.fields.get(key, {}))
         if known != here:
-            raise TrainingError(
-                f"the policy was trained on rows '{key}' of {known}; here they are {here or 'not there'}"
-            )
+            raise TrainingError(f"the policy was trained on rows '{key}' of {known}; here they are {here or 'absent'}")
 
 
 def policies_in(files: dict[str, bytes]) -> list[dict[str, Tensor]]:
@@ -62,12 +60,12 @@ def policies_in(files: dict[str, bytes]) -> list[dict[str, Tensor]]:
 
 
 def policies_content(policies: Sequence[Mapping[str, Tensor]]) -> bytes:
-    """Return the content of WEIGHTS, given the weights of each policy by name."""
+    """Return the content of WEIGHTS from the weights of each policy by name."""
     return policy_file.weights_content([{name: _as_array(values) for name, values in own.items()} for own in policies])
 
 
 def read_policies(path: Path) -> tuple[run_header.Header, list[dict[str, Tensor]]]:
-    """Read what a saved policy plays with, from a checkpoint or a file of weights. Raises TrainingError.
+    """Read a saved policy from a checkpoint or a file of weights. Raises TrainingError.
 
     Returns run.json, and the weights of each policy by name, unchecked.
     """
@@ -76,19 +74,19 @@ def read_policies(path: Path) -> tuple[run_header.Header, list[dict[str, Tensor]
 
 
 def load_weights(policy: Networks, weights: Any, where: str = WEIGHTS) -> None:
-    """Load weights into a policy. Raises TrainingError if they are not those of such a policy."""
+    """Load weights into a policy. Raises TrainingError if they do not fit the policy."""
     own = policy.state_dict()
     if not isinstance(weights, dict) or weights.keys() != own.keys():
         raise TrainingError(f"{where} of the checkpoint does not hold the weights of this policy")
     for name, weight in own.items():
         check_like(weights[name], weight, f"{name} in {where}")
     if name := wrong_weight(weights):
-        raise TrainingError(f"{name} in {where} of the checkpoint has numbers beyond {HEAVIEST}, or that are none")
+        raise TrainingError(f"{name} in {where} of the checkpoint has numbers that are NaN or beyond {HEAVIEST}")
     policy.load_state_dict(weights)
 
 
 def wrong_weight(weights: Mapping[str, Tensor]) -> str:
-    """Return the name of the first weights that are NaN or beyond HEAVIEST; "" if all are as they should be."""
+    """Return the name of the first weights that are NaN or beyond HEAVIEST; "" if there are none."""
     return next((name for name, weight in weights.items() if not (weight.abs() <= HEAVIEST).all()), "")
 
 
@@ -96,13 +94,13 @@ def check_like(given: Any, own: Tensor, name: str) -> None:
     """Raise TrainingError unless `given` is a tensor of the same shape and type."""
     if not isinstance(given, Tensor) or given.shape != own.shape or given.dtype != own.dtype:
         found = f"{given.dtype} {tuple(given.shape)}" if isinstance(given, Tensor) else "no tensor"
-        raise TrainingError(f"{name} of the checkpoint is {found}: {own.dtype} {tuple(own.shape)} is needed")
+        raise TrainingError(f"{name} of the checkpoint is {found}: it must be {own.dtype} {tuple(own.shape)}")
 
 
 def check_state(given: Any, like: Any, name: str = "") -> None:
-    """Raise TrainingError unless a tree has the names of another, with finite tensors, counts and texts at its places.
+    """Raise TrainingError unless a tree has the names of another, with finite tensors, counts and texts where it has.
 
-    like: None in it: whatever is given. name: The place in the whole tree, for messages.
+    like: None in it stands for any value. name: The place in the tree, for messages.
     """
     where = f"{name} in {REST}" if name else REST
     if isinstance(given, list) and isinstance(like, list):
@@ -115,21 +113,21 @@ def check_state(given: Any, like: Any, name: str = "") -> None:
         for key, value in like.items():
             check_state(given[key], value, f"{name} {key}".strip())
     elif not (like is None or (isinstance(like, int) and run_header.is_count(given)) or isinstance(like, str)):
-        raise TrainingError(f"{where} of the checkpoint is not what a run goes on with")
+        raise TrainingError(f"{where} of the checkpoint does not fit the run")
 
 
 def tree_content(tree: dict[str, Any]) -> bytes:
-    """Return the content of a file with dicts of tensors and plain values, in each other and in lists.
+    """Return the content of a file with nested dicts and lists of tensors and plain values.
 
-    Tensors are called by their place, "learners/0/minibatches". The text beside them is the tree without them, as JSON.
+    Tensors are called by their place, "learners/0/minibatches". The text of the file is the tree without them, as JSON.
     """
     tensors = dict[str, Array]()
     return policy_file.tensors_content(tensors, json.dumps(_without_tensors(tree, "", tensors)))
 
 
 def load_tree(files: dict[str, bytes], name: str) -> Any:
-    """Return what `tree_content` made one of the files from, unchecked. Raises TrainingError."""
-    wrong = f"{name} of the checkpoint is not what a run goes on with"
+    """Return the tree in one of the files, see `tree_content`, unchecked. Raises TrainingError."""
+    wrong = f"{name} of the checkpoint does not fit the run"
     try:
         text, tensors = policy_file.parse_tensors(files[name])
         tree = strict_json.parse(text)
@@ -145,7 +143,7 @@ def load_tree(files: dict[str, bytes], name: str) -> Any:
                 raise KeyError(last)
             node[last] = torch.from_numpy(values)
         except (LookupError, TypeError, ValueError) as error:
-            raise TrainingError(f"{wrong}: there is no place for its tensor {place:.80}") from error
+            raise TrainingError(f"{wrong}: its tensor {place:.80} has no place") from error
     return tree
 
 

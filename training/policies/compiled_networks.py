@@ -1,8 +1,8 @@
 """The networks of preset `fast` in two compiled functions, for the CPU: outputs, and gradients of all weights.
 
-PyTorch's form, ActorCritic, is what they are compared with, and what runs on a GPU, with a memory, with a critic of the
-state and with other presets. It goes through a whole batch with each of some hundred operations; here, a block of
-agents goes through all layers while its numbers are in the cache, and other threads of Python run at the same time.
+ActorCritic is the reference in PyTorch. It also runs on a GPU, with a memory, with a critic of the state and with other
+presets. It processes a complete batch with each of about a hundred operations. Here, a block of agents goes through all
+layers while its numbers are in the cache, and other threads of Python run at the same time.
 """
 
 import math
@@ -26,19 +26,19 @@ from .torch_settings import FLOAT, INDEX
 Array = np.ndarray[Any, Any]
 BLOCK = 64  # agents that go through all layers together
 LOWEST: Any = np.float32(-np.inf)
-VECTOR = 16  # numbers of a vector; results of products are filled up to whole ones
+VECTOR = 16  # numbers of a vector; results of products are padded to full vectors
 TOWER = "first", "second", "last"
 LAYERS, SEEING = 10, 3  # in order; the first ones come before attention
-# Where layers read and write: what is observed, records of numbers in between for each agent and entity, and results.
+# Memory that layers read and write: observations, intermediate records of each agent and entity, and results.
 OWN, ENTITIES, AGENTS, ROWS, LOGITS, VALUES = range(6)
 # The fields of a layer, int64: places are a base, an offset and the distance from one record to the next, in bytes.
 X, X_OFFSET, X_STRIDE, Y, Y_OFFSET, Y_STRIDE, INPUTS, OUTPUTS, RELU, ADDS, BY_OUTPUT, BY_INPUT, PACKED, FIELDS = range(
     14
 )
-# What a call is given, int64, most of it addresses: the bases, those of slopes, weights and biases of the layers, ...
+# Arguments of a call, int64, most of them addresses: the bases, those of slopes, weights and biases of the layers, ...
 SLOPES, WEIGHTS, BIASES = 6, 12, 12 + LAYERS
-ZEROS, ONE = SLOPES + OWN, SLOPES + ENTITIES  # in place of slopes that nothing needs: zeros, and a number 1
-EXPONENTIALS = SLOPES + LOGITS  # in place of slopes: room for those of an agent
+ZEROS, ONE = SLOPES + OWN, SLOPES + ENTITIES  # instead of unused slopes: zeros, and a number 1
+EXPONENTIALS = SLOPES + LOGITS  # instead of slopes: memory for those of an agent
 LAYER, COUNT, AGENT_COUNT, WIDTH, WEIGHT_MEMORY, LIKELY, FOUND, GRADIENTS = range(BIASES + LAYERS, BIASES + LAYERS + 8)
 word, read, read_flag = loader("int64"), loader("float32"), loader("uint8")
 write, write_word = storer("float32"), storer("int64")
@@ -58,13 +58,13 @@ def _field(call: int, layer: int, k: int) -> int:
 
 @kernel
 def _filled(numbers: int) -> int:
-    """Round up to whole vectors."""
+    """Round up to full vectors."""
     return (numbers + VECTOR - 1) // VECTOR * VECTOR
 
 
 @kernel
 def pack(call: int) -> int:
-    """Copy the weights of all layers into a row for each input, and a last one for the bias, filled up with 0."""
+    """Copy the weights of all layers into a row for each input, and a last one for the bias, padded with 0."""
     for layer in range(LAYERS):
         weight, bias = _given(call, WEIGHTS + layer), _given(call, BIASES + layer)
         inputs, outputs = _field(call, layer, INPUTS), _field(call, layer, OUTPUTS)
@@ -81,7 +81,7 @@ def pack(call: int) -> int:
 
 @kernel
 def _unpack(call: int) -> None:
-    """Copy gradients of all layers from the form of `pack` to that of the weights, one layer behind the other."""
+    """Copy gradients of all layers from the form of `pack` to that of the weights, one layer after the other."""
     to = _given(call, GRADIENTS)
     for layer in range(LAYERS):
         inputs, outputs = _field(call, layer, INPUTS), _field(call, layer, OUTPUTS)
@@ -100,7 +100,7 @@ def _unpack(call: int) -> None:
 
 @kernel
 def _apply(call: int, layer: int, agent: int, row: int, agents: int, rows: int) -> None:
-    """Let some agents and their entities go through a layer."""
+    """Apply a layer to some agents and their entities."""
     of_rows = _field(call, layer, X) in (ENTITIES, ROWS)
     first, count = (row, rows) if of_rows else (agent, agents)
     x_stride, y_stride = _field(call, layer, X_STRIDE), _field(call, layer, Y_STRIDE)
@@ -152,7 +152,7 @@ def _seen(call: int, agent: int, agents: int) -> tuple[int, int]:
 
 @kernel
 def _clear_unseeing(call: int, features: int, stride: int, agent: int, agents: int) -> None:
-    """Clear what attention makes of nothing: features of agents that see no entity, or their slopes."""
+    """Clear the features of agents that see no entity, or their slopes."""
     for i in range(agents):
         if word(_given(call, COUNT) + 8 * (agent + i)) == 0:
             for at in range(features + i * stride, features + i * stride + 4 * _given(call, WIDTH), 4):
@@ -161,7 +161,7 @@ def _clear_unseeing(call: int, features: int, stride: int, agent: int, agents: i
 
 @kernel
 def _attention(call: int, agent: int, row: int) -> tuple[int, int, int, int, int, int]:
-    """Return where attention reads rows and shares, and where it writes means, with their strides."""
+    """Return the addresses of attention's rows, shares and means, with their strides."""
     stride, mean_stride = _field(call, SEEING - 1, Y_STRIDE), _field(call, SEEING, X_STRIDE)
     rows = _given(call, ROWS) + row * stride + _field(call, SEEING - 1, Y_OFFSET)
     means = _given(call, AGENTS) + agent * mean_stride + _field(call, SEEING, X_OFFSET)
@@ -170,7 +170,7 @@ def _attention(call: int, agent: int, row: int) -> tuple[int, int, int, int, int
 
 @kernel
 def evaluate(call: int) -> int:
-    """Compute logits and values of all agents, by packed weights, and keep what is in between."""
+    """Compute logits and values of all agents, by packed weights, and keep the intermediate values."""
     row, likely, width = 0, _given(call, LIKELY), _given(call, WIDTH)
     for agent in range(0, _given(call, AGENT_COUNT), BLOCK):
         agents, count = min(BLOCK, _given(call, AGENT_COUNT) - agent), _given(call, COUNT) + 8 * agent
@@ -213,17 +213,17 @@ def backward(call: int) -> int:
 
 @kernel
 def choose(call: int, sizes: int, count: int, uniform: int, idle: int, noop: int, actions: int, logs: int) -> int:
-    """Draw actions by logits, which are overwritten. Most arguments are addresses.
+    """Draw actions from logits, which are overwritten. Most arguments are addresses.
 
     Args:
-        call: What `evaluate` was given.
-        sizes: int64 (count,), how many values each action has.
-        count: How many actions an agent has.
+        call: Argument of `evaluate`.
+        sizes: int64 (count,), number of values of each action.
+        count: Number of actions of an agent.
         uniform: float32 (agents, count), from 0 to below 1.
-        idle: bool (agents, count), which actions are not drawn; 0: all are.
-        noop: int64 (count,), these actions.
+        idle: bool (agents, count), whether an action is not drawn; 0: all are drawn.
+        noop: int64 (count,), values of actions that are not drawn.
         actions: int64 (agents, count), written.
-        logs: float32 (agents,), written: log-probabilities of what was drawn.
+        logs: float32 (agents,), written: log-probabilities of the drawn actions.
     """
     row, stride = _given(call, LOGITS), 4 * _filled(_field(call, SEEING + 3, OUTPUTS))
     for i in range(_given(call, AGENT_COUNT)):
@@ -260,7 +260,7 @@ def choose(call: int, sizes: int, count: int, uniform: int, idle: int, noop: int
 
 
 def functions() -> tuple[Any, ...]:
-    """Return what Python calls: pack, evaluate, backward, choose."""
+    """Return the functions for Python: pack, evaluate, backward, choose."""
     return called(pack, evaluate, backward, choose)
 
 
@@ -270,8 +270,8 @@ class Plan:
     Attributes:
         fields: int64 (LAYERS, FIELDS).
         agent, row: Numbers of the record of an agent, and of an entity.
-        logits: Numbers of a row of logits, filled up.
-        size: Numbers of all weights, filled up.
+        logits: Numbers of a row of logits, padded.
+        size: Numbers of all weights, padded.
     """
 
     def __init__(self, layout: ObservationLayout, preset: Preset, outputs: int) -> None:
@@ -306,9 +306,9 @@ class Plan:
     def call(
         self, seen: Rows, known: Array, weights: Sequence[Tensor], biases: Sequence[Tensor | None], packed: Any = None
     ) -> "Call":
-        """Make room for what layers compute of a batch.
+        """Allocate memory for the results of layers for a batch.
 
-        known: int64, `seen.known` without gaps. packed: Weights that `pack` has copied; None: room for them.
+        known: int64, `seen.known` without gaps. packed: Weights that `pack` has copied; None: memory for them.
         """
         count, rows, pairs = len(seen), len(seen.entities), int(known @ known)
         sizes = count * self.agent, rows * self.row, count * self.logits, count * VECTOR, pairs * self.width
@@ -323,7 +323,7 @@ class Plan:
 
 
 class Call(NamedTuple):
-    """Arguments of the kernels, and what lies at the addresses in them."""
+    """Arguments of the kernels, and the arrays at their addresses."""
 
     given: Array
     kept: list[Any]
@@ -345,7 +345,7 @@ class Evaluation(torch.autograd.Function):
 
     @staticmethod
     def backward(context: Any, logits: Tensor, values: Tensor) -> tuple[Any, ...]:
-        """Compute the gradients of the parameters. It can be done once only, as it overwrites what it reads."""
+        """Compute the gradients of the parameters. It can be called once only, since it overwrites its input."""
         plan, call, parameters = context.plan, context.call, context.parameters
         del context.call
         count, most = len(values), 0
@@ -365,7 +365,7 @@ class Evaluation(torch.autograd.Function):
 
 
 class Acting:
-    """A chooser of agents' actions, as long as the weights stay as they are."""
+    """A chooser of agents' actions, valid while the weights do not change."""
 
     def __init__(self, networks: Any) -> None:
         """Compile `networks`, an ActorCritic for which this is `possible`."""
@@ -383,8 +383,8 @@ class Acting:
     def __call__(self, seen: Rows, uniform: Array, idle: Array | None, noop: Array) -> tuple[Array, Tensor, Tensor]:
         """Return the actions, int64 (agents, actions), their log-probabilities and the values, float32 (agents,).
 
-        uniform: float32 (agents, actions), from 0 to below 1, by which they are drawn. idle: bool (agents, actions),
-        which are not drawn, but those of `noop`, int64 (actions,); None: all are drawn.
+        uniform: float32 (agents, actions), random numbers from 0 to below 1. idle: bool (agents, actions), whether an
+        action is not drawn but has the value in `noop`, int64 (actions,); None: all are drawn.
         """
         count, call, uniform = len(seen), self._call(seen), np.ascontiguousarray(uniform)
         idle = None if idle is None else np.ascontiguousarray(idle)
@@ -416,7 +416,7 @@ def _parameters(networks: Any) -> list[Any]:
 
 
 def plan(networks: Any) -> Plan | None:
-    """Return how the layers of an ActorCritic lie in memory; None if the kernels cannot compute them."""
+    """Return the memory layout of the layers of an ActorCritic; None if the kernels cannot compute them."""
     preset = networks.preset
     simple = preset.shared and not (preset.leaky or networks.memory or networks.state) and preset.activation == "relu"
     whole = preset.width % VECTOR == preset.hidden % VECTOR == 0 and preset.width == HEAD * preset.heads
@@ -424,11 +424,11 @@ def plan(networks: Any) -> Plan | None:
 
 
 def able(networks: Any) -> bool:
-    """Return whether the kernels can take the weights of networks."""
+    """Return whether the kernels can read the weights of networks."""
     like = networks.plan and networks.actor.last.weight
     return like is not None and like.device.type == "cpu" and like.dtype == torch.float32
 
 
 def possible(networks: Any, seen: Any) -> bool:
-    """Return whether the kernels can compute what networks make of this."""
+    """Return whether the kernels can compute the outputs of networks for these inputs."""
     return able(networks) and isinstance(seen, Rows) and seen.room is None

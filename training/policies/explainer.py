@@ -19,14 +19,14 @@ from .rows import Observed, Rows
 from .torch_settings import FLOAT, INDEX
 
 Array = np.ndarray[Any, Any]
-Answer = tuple[list[Array], Tensor | None]  # of a policy: arrays (batch, ...), and its memory afterwards
-Question = Callable[[Networks, Observed, Tensor | None, Tensor | None], Answer]  # then memory, where episodes begin
+Answer = tuple[list[Array], Tensor | None]  # result of a policy: arrays (batch, ...), and its memory afterwards
+Question = Callable[[Networks, Observed, Tensor | None, Tensor | None], Answer]  # then memory, and where episodes begin
 
 
 class PolicyExplainer:
-    """An explainer of a player's policy; made by `Player.explainer`.
+    """An explainer of a player's policy; created by `Player.explainer`.
 
-    entities: (key of the observation, rows) of each kind of entities that agents attend to.
+    entities: (key of the observation, rows) of each kind of entities in the attention.
     """
 
     def __init__(self, player: Any) -> None:
@@ -35,14 +35,14 @@ class PolicyExplainer:
         self.entities = [(kind.key, kind.rows) for kind in self._layout.kinds]
 
     def __call__(self, observations: dict[str, Array]) -> tuple[Array, Array, Array]:
-        """Explain what each agent is about to do; memory moves on by a step.
+        """Explain the next action of each agent; memory advances by a step.
 
         Returns:
-            Values float32 (..., agents), of the critic, in the units that it was trained in; NaN without a critic, or
-            with one that learned from the state of the world. Probabilities float32 (..., agents, values), of each
-            value of each action, one action after the other. Attention float32 (..., agents, rows), the share that each
-            row of `entities` gets, averaged over heads and over the rows that attend; together at most 1. For networks
-            of a user's own it is 0.
+            Values float32 (..., agents), of the critic, in the units of its training; NaN without a critic, or with one
+            that learned from the state of the world. Probabilities float32 (..., agents, values), of each value of each
+            action, one action after the other. Attention float32 (..., agents, rows), the share of each row of
+            `entities`, averaged over heads and over the rows that attend; the sum is at most 1. It is 0 for the user's
+            own networks.
         """
         values, likely, attention, packed = self._player._ask(observations, self._explain)
         if packed.any():
@@ -53,7 +53,7 @@ class PolicyExplainer:
     def _explain(self, policy: Networks, seen: Observed, memory: Tensor | None, begins: Tensor | None) -> Answer:
         if self._player.critic and not policy.state:
             logs, values, after = policy(seen, memory, begins)
-        else:  # its critic is not there, or needs the state of the world, which is not there in play
+        else:  # its critic is missing, or needs the state of the world, which play lacks
             logs, after = policy.logs(seen, memory, begins)
             values = torch.full((len(seen),), torch.nan, **FLOAT)
         likely = torch.cat([logs[:size, k].exp() for k, size in enumerate(self._player.header["actions"])]).T
@@ -65,7 +65,7 @@ class PolicyExplainer:
         return [values.numpy(), likely.numpy(), attention.numpy(), packed], after
 
     def _spread(self, packed: Array, observations: dict[str, Array]) -> Array:
-        """Return the attention of all rows, (batch, rows), from that of visible ones, which `packed` has first."""
+        """Return the attention of all rows, (batch, rows), from that of visible ones, which come first in `packed`."""
         kinds = self._layout.kinds
         masks = [observations[kind.key + MASK].reshape(len(packed), kind.rows) != 0 for kind in kinds]
         visible = np.concatenate([*masks, np.zeros((len(packed), 0), bool)], 1)
@@ -75,9 +75,9 @@ class PolicyExplainer:
 
 
 def attended(extractor: Extractor, seen: Observed) -> Tensor:
-    """Return the share of attention that each row gets, (batch, rows), computed by torch.nn.MultiheadAttention itself.
+    """Return the attention to each row, (batch, rows), computed by torch.nn.MultiheadAttention itself.
 
-    With Rows, only what is seen is attended to: the shares of what an agent sees come first, in order, and then zeros.
+    With Rows, attention is to visible rows only: their shares come first, in order, and then zeros.
     """
     weight, bias = extractor.weight * extractor.scale, extractor.bias
     if isinstance(seen, Rows):
@@ -89,15 +89,15 @@ def attended(extractor: Extractor, seen: Observed) -> Tensor:
     matrices = torch.split(weight, [kind.features for kind in extractor.layout.kinds])
     parts = zip(torch.split(seen.rows, [kind.rows for kind in extractor.layout.kinds], 1), matrices, bias, strict=True)
     known = [torch.tanh(part[:, :, : len(matrix)] @ matrix + own) for part, matrix, own in parts]
-    padding = torch.zeros(len(seen), 1, weight.shape[1], **FLOAT)  # a row that all rows see, and that attends like them
+    padding = torch.zeros(len(seen), 1, weight.shape[1], **FLOAT)  # a row that all rows see, and attends like them
     visible = functional.pad(seen.seen, (0, 1), value=1.0)
     return _shares(extractor, torch.cat([*known, padding], 1), visible > 0, 1 - visible)[:, :-1]
 
 
 def _shares(extractor: Extractor, rows: Tensor, visible: Tensor, raised: Tensor) -> Tensor:
-    """Return how much of the attention of visible rows each row gets: (batch, rows).
+    """Return the share of each row in the attention of visible rows: (batch, rows).
 
-    rows: embedded, (batch, rows, width). visible: bool (batch, rows). raised: what is added to logits, (batch, rows).
+    rows: embedded, (batch, rows, width). visible: bool (batch, rows). raised: added to logits, (batch, rows).
     """
     heads, count = extractor.preset.heads, rows.shape[1]
     if not count:

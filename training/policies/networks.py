@@ -1,8 +1,8 @@
 """The networks: entities are embedded, attend to each other and are averaged; dense towers follow.
 
-Only the average of attention's output is needed, so linear maps of the rows are moved behind the average, and only what
-is seen is computed. The numbers are those of torch.nn.MultiheadAttention followed by the average. Attention that also
-reaches hidden rows is in authors_attention.py.
+Only the average of attention's output is needed, so linear maps of the rows are applied after the average, and only
+visible rows are computed. The results are those of torch.nn.MultiheadAttention followed by the average. Attention that
+also reaches hidden rows is in authors_attention.py.
 """
 
 import math
@@ -31,11 +31,11 @@ class Extractor(nn.Module):
     def __init__(self, layout: ObservationLayout, preset: Preset, scales: tuple[Any, Any]) -> None:
         super().__init__()
         if preset.leaky and preset.activation != "tanh":
-            raise ValueError(f"preset '{preset.name}': a leaky one has tanh, as attend does")
+            raise ValueError(f"preset '{preset.name}': with leaky, the activation must be tanh, as in attend")
         self.layout, self.preset, width = layout, preset, preset.width
         self.own = nn.Linear(layout.own, width, **FLOAT)
         widths = [kind.features for kind in layout.kinds]
-        self.weight = nn.Parameter(torch.empty(sum(widths), width, **FLOAT))  # of all kinds, one below the other
+        self.weight = nn.Parameter(torch.empty(sum(widths), width, **FLOAT))  # of all kinds, stacked
         self.bias = nn.Parameter(torch.zeros(len(widths), width, **FLOAT))
         self.attention = nn.MultiheadAttention(width, preset.heads, batch_first=True, **FLOAT)  # for its parameters
         self.register_buffer("own_scale", torch.ones(layout.own, **FLOAT), persistent=False)
@@ -47,14 +47,14 @@ class Extractor(nn.Module):
             begin(layer)
 
     def set_scales(self, scales: tuple[Any, Any]) -> None:
-        """Set what inputs are multiplied by, if the preset scales them: see observation_layout.scales."""
+        """Set the factors of inputs, if the preset scales them: see observation_layout.scales."""
         if self.preset.scaled:
             own, kinds = (torch.as_tensor(each, **FLOAT) for each in scales)
             self.own_scale.copy_(own)
             self.scale.copy_(kinds[:, None])
 
     def forward(self, seen: Observed) -> Tensor:
-        """Turn what a batch of agents observes into features, float32 (batch, 2 * width)."""
+        """Turn the observations of a batch of agents into features, float32 (batch, 2 * width)."""
         own = functional.linear(seen.own, self.own.weight * self.own_scale, self.own.bias)
         if isinstance(seen, Rows):
             entities = self._attend_seen(seen)
@@ -63,7 +63,7 @@ class Extractor(nn.Module):
         return torch.cat([self._active(own), entities], 1)
 
     def _attend_seen(self, seen: Rows) -> Tensor:
-        """Average the outputs of attention among the rows of each agent, 0 where it sees none: (batch, width).
+        """Return the average output of attention over each agent's rows, (batch, width); 0 for an agent without rows.
 
         Attention is over the pairs of rows of one agent, in one flat list over the batch, query after query.
         """
@@ -101,7 +101,7 @@ class Memory(nn.GRUCell):
     """Memory of the features of earlier steps (Cho et al., arXiv:1406.1078)."""
 
     def __init__(self, features: int, width: int) -> None:
-        """Make a memory of `width` numbers for `features` in a step."""
+        """Create a memory of `width` numbers for `features` in a step."""
         super().__init__(features, width, **FLOAT)
         for weight in (self.weight_ih, self.weight_hh):
             for gate in weight.data.chunk(3):
@@ -113,7 +113,7 @@ class Memory(nn.GRUCell):
         """Return the memory after each step (steps * agents, width), and after the last one (agents, width).
 
         features: float32 (steps * agents, features), step after step. memory: float32 (agents, width), before the first
-        step. begins: bool (steps, agents), whether an agent's memory is 0 before the step, whatever it was.
+        step. begins: bool (steps, agents), whether an agent's memory is reset to 0 before the step.
         """
         after, kept = [], (~begins).to(features.dtype)[:, :, None]
         for now, goes_on in zip(features.view(*begins.shape, features.shape[1]), kept, strict=True):
@@ -149,12 +149,12 @@ class Tower(nn.Module):
 
 
 def dense(inputs: int, outputs: int) -> nn.Linear:
-    """Make a dense layer with orthogonal weights and a bias of 0."""
+    """Return a dense layer with orthogonal weights and a bias of 0."""
     return begin(nn.Linear(inputs, outputs, **FLOAT))
 
 
 def begin(layer: nn.Linear, gain: float = GAIN) -> nn.Linear:
-    """Give a layer orthogonal weights and a bias of 0, and return it."""
+    """Initialise a layer with orthogonal weights and a bias of 0, and return it."""
     orthogonal(layer.weight, gain)
     nn.init.zeros_(layer.bias)
     return layer

@@ -1,7 +1,7 @@
 """Conversion of observations of worlds into the rows that networks take, perhaps in the agents' own frames.
 
 An agent's actions are in its own frame (ahead, to the left, turn), but observations are in the room's, with angles that
-grow with every turn. So a network would have to learn to subtract and to rotate before it could walk up to anything.
+grow with every turn. A network would have to learn to subtract and to rotate before it could walk towards anything.
 """
 
 import math
@@ -27,18 +27,18 @@ VECTORS = {  # the fields of a vector: the first field of the agent's own vector
     ("vx", "vy"): "vx",
 }
 ME = ("x", "y", "vx", "vy", ANGLE)
-MOVED = {"x": 2, "vx": 0, ANGLE: 0}  # of itself, an agent observes where the room's middle is, and its velocity
+MOVED = {"x": 2, "vx": 0, ANGLE: 0}  # of itself, an agent observes the position of the room's middle, and its velocity
 TURN = 5  # numbers of a turn: columns of x and y (-1: an angle), those of the origin, and how often it is subtracted
 KIND = 6  # numbers of a kind: addresses of its list, of starts and of turns; columns, the first one here, turns
 word, read, write, write_word = loader("int64"), loader("float32"), storer("float32"), storer("int64")
 
 
 def turns(layout: ObservationLayout) -> list[Array]:
-    """Return how rows come into the frame of the agent that observes: its place is the origin, it looks along x.
+    """Return the turns that bring rows into the frame of the observing agent: it is at the origin and looks along x.
 
-    Places become relative to the agent's place, velocities to its velocity. Angles of others become relative to its
-    own, and all angles are brought into the range of -pi to pi. Returns int64 (turns, TURN) for an agent's own numbers,
-    and then for each kind. Raises TrainingError if the layout lacks the agent's own place, velocity or angle.
+    Positions become relative to the agent's position, velocities to its velocity, angles of others to its own. All
+    angles are brought into the range of -pi to pi. Returns int64 (turns, TURN) for an agent's own numbers, and then
+    for each kind. Raises TrainingError if the layout lacks the agent's own position, velocity or angle.
     """
     columns = layout.field_columns()
     if not columns[OWN].keys() >= {*ME}:
@@ -62,7 +62,7 @@ def _turns(columns: Mapping[str, int], me: Mapping[str, int], moved: Mapping[str
 def turn(row: int, me: int, angle: int, turned: int, count: int) -> None:
     """Turn a row in place. row, me: Addresses of float32 numbers, those of the row and the agent's own as observed.
 
-    angle: Column of the agent's angle. turned: Address of the turns. count: How many these are.
+    angle: Column of the agent's angle. turned: Address of the turns. count: Number of turns.
     """
     if count == 0:
         return
@@ -89,18 +89,18 @@ def pack(
     """Join the lists of all kinds to one of all entities, agent after agent. Most arguments are addresses.
 
     Args:
-        agents: How many observe.
+        agents: Number of observing agents.
         own: float32 (agents, own_columns), their own numbers.
-        turned: The same, written: turned.
-        own_columns: How many these are.
+        turned: The same numbers after the turns, written.
+        own_columns: Number of own columns.
         angle: Column of an agent's angle.
         own_turns: See `turns`.
-        own_count: How many turns.
-        kinds: How many kinds there are.
+        own_count: Number of own turns.
+        kinds: Number of kinds.
         lists: int64 (kinds, KIND).
         entities: float32 (n, columns), written.
-        columns: Of an entity: those of all kinds, and one for each kind.
-        count: int64 (agents,), written: how many entities are each agent's.
+        columns: Columns of an entity: those of all kinds, and one for each kind.
+        count: int64 (agents,), written: number of entities of each agent.
     """
     to = entities
     for i in range(agents):
@@ -130,7 +130,7 @@ def packers_of(layout: ObservationLayout, presets: Iterable[Preset]) -> dict[For
 
 
 class Packer:
-    """A packer of observations, by key and kind, in the form that the networks of a preset take."""
+    """A packer of observations, by key and kind, in the form for the networks of a preset."""
 
     def __init__(self, layout: ObservationLayout, form: Form) -> None:
         """Make a packer for the networks of presets of that form.
@@ -168,7 +168,7 @@ class Packer:
         if any(kind.key + START not in observations for kind in self.layout.kinds):
             batch = {key: observations[key].reshape(1, len(own), *shape) for key, shape in self.layout.shapes.items()}
             observations = VisibleRows(batch)()
-        lists, kept, first, size = [], list[Array](), 0, 0  # kept: what lies at the addresses in `lists`
+        lists, kept, first, size = [], list[Array](), 0, 0  # kept: the arrays at the addresses in `lists`
         for kind, turned in zip(self.layout.kinds, self._turns[1:], strict=True):
             rows = np.ascontiguousarray(observations[kind.key], np.float32)
             start = np.ascontiguousarray(observations[kind.key + START], np.int64)

@@ -39,23 +39,23 @@ Array = np.ndarray[Any, Any]
 class Player:
     """The policy of a checkpoint: a function of observations, float32 (..., agents, ...), to actions.
 
-    >>> duel = player.scenario(outlast.variant("ffa_2"))  # with the observations that it was trained with
+    >>> duel = player.scenario(outlast.variant("ffa_2"))  # with the observations of its training
     >>> env = gymnasium.make("outlast/FreeForAll2-v1", scenario=duel, others=player)
 
     Actions are int64 (..., agents, actions), sampled by a generator of its own, or the likeliest ones without a seed.
-    They are computed on one thread, whatever number PyTorch is set to, and that setting stays as it is.
+    They are computed on one thread, for any setting of PyTorch, and that setting is restored.
 
-    A policy with a memory keeps what each agent remembers, and `reset` tells it where episodes begin; environments call
-    that, and in loops of your own `outlast.envs.rollout.memory.told` does. It plays in one batch of worlds at a time.
+    A policy with a memory keeps the memory of each agent, and `reset` tells it where episodes begin. Environments call
+    `reset`; in your own loops, `outlast.envs.rollout.memory.told` does. It plays in one batch of worlds at a time.
 
     Attributes:
-        memory: Numbers that each agent remembers; 0: none.
+        memory: Numbers of the memory of each agent; 0: none.
         state: Numbers of the state of a world that its critic learned from, and that it plays without; 0: none.
-        critic: Whether its file has the critic, without which it plays, but values are not known.
-        networks: Of each policy, the full name of the class of its networks, if they are a user's own; else "".
-        reset: None for a policy without a memory. Otherwise a function that is told in which worlds episodes begin, by
-            a bool array with the axes that observations have before that of agents, (worlds,). Before the first call it
-            must be told of all worlds.
+        critic: Whether its file has the critic, without which it plays, but its values are unknown.
+        networks: Of each policy, the full name of the class of its networks, if it is the user's own; otherwise "".
+        reset: None for a policy without a memory. Otherwise a function of the worlds in which episodes begin, a bool
+            array with the axes of observations before the axis of agents, (worlds,). It must be called for all worlds
+            before the first call of the player.
     """
 
     def __init__(self, path: str | Path | dict[str, bytes], seed: int | None = 0) -> None:
@@ -76,7 +76,7 @@ class Player:
         self.memory: int = self.header["memory"]
         self.state: int = self.header["state"]
         self.reset = self._reset if self.memory else None
-        self._begins: Array | None = None  # bool, in which worlds episodes begin
+        self._begins: Array | None = None  # bool, whether an episode begins in each world
         self._remembered: torch.Tensor | None = None  # float32 (agents of all worlds, memory)
         named: Any = self.header.get("networks", "")
         self.networks: list[str] = named if isinstance(named, list) else [named] * len(weights)
@@ -91,7 +91,7 @@ class Player:
         self._shifts: tuple[float, ...] = (0.0,)  # see `doubted`
 
     def _make_policies(self, weights: list[dict[str, torch.Tensor]]) -> list[Networks]:
-        """Make the policies; sizes in run.json are checked against those of their weights first."""
+        """Return the policies. Sizes in run.json are first checked against those of their weights."""
         layout, actions = self.layout, self.header["actions"]
         for what, each in (("networks", self.networks), ("presets", self.presets)):
             if len(each) != len(weights):
@@ -100,13 +100,13 @@ class Player:
         self.team = np.array(self.header["team"])
         self.id = list(self.header["fields"][OWN]).index("id") if len(weights) > 1 else 0
         if not 0 <= self.team.min() <= self.team.max() < len(weights):
-            raise TrainingError(f"run.json has a team of other policies than the {len(weights)} that are saved")
+            raise TrainingError(f"run.json has a team that does not fit the {len(weights)} policies that are saved")
         inputs = layout.own + sum(kind.features for kind in layout.kinds)
         state = self.state if self.critic else 0
         least = self.preset.width * inputs + self.preset.hidden * (sum(actions) + state) + 3 * self.memory**2
         held = sum(each.numel() for own in weights for each in own.values())
         if {*kinds} == {ActorCritic} and least * len(weights) > held:
-            raise TrainingError("what is saved is too small for the observations, actions and memory in run.json")
+            raise TrainingError("the saved weights are too small for the observations, actions and memory in run.json")
         sizes, policies = scales(layout, self.header["fields"]), list[Networks]()
         for kind, chosen, own in zip(kinds, self.presets, weights, strict=True):
             policy = kind(actions, layout=layout, preset=chosen, scales=sizes, memory=self.memory, state=self.state)
@@ -120,7 +120,7 @@ class Player:
         return policies
 
     def scenario(self, scenario: Scenario) -> Scenario:
-        """Return the scenario with the observations that this policy was trained with."""
+        """Return the scenario with the observations of this policy's training."""
         return self.preset.scenario(scenario)
 
     def check(self, env: SurvivalVectorEnv, counts: bool = True) -> None:
@@ -134,11 +134,11 @@ class Player:
             known, asked = self.header["actions"], [int(size) for size in env.action_sizes]
             if known != asked:
                 raise TrainingError(
-                    f"the policy was trained where actions have {known} values, and here they have {asked}: take the "
-                    "mechanics that it was trained with, as by --with 'FineMotors()'"
+                    f"the policy was trained where actions have {known} values, but here they have {asked}: take the "
+                    "mechanics of its training, as by --with 'FineMotors()'"
                 )
             trained, here = self.preset.cameras, cameras_mode(env.scenario)
-            if here not in (None, trained, REVEALED):  # "masked" policies ignore what is revealed, see common_scenario
+            if here not in (None, trained, REVEALED):  # "masked" policies ignore revealed rows, see common_scenario
                 raise TrainingError(
                     f"the policy was trained with cameras_mode = '{trained}', here it is '{here}'; "
                     f"make the environment with cameras_mode='{trained}', or of player.scenario(scenario)"
@@ -146,7 +146,7 @@ class Player:
 
     @contextlib.contextmanager
     def _named(self) -> Iterator[None]:
-        """Put the name of the file into errors about the policy, as other policies may play, too."""
+        """Add the name of the file to errors about the policy, since other policies may play, too."""
         try:
             yield
         except TrainingError as error:
@@ -155,8 +155,8 @@ class Player:
     def __call__(self, observations: dict[str, Array]) -> Array:
         """Choose the actions for these observations.
 
-        Raises TrainingError: their shapes differ from those in training; or the policy has a memory, and was not told
-        that episodes begin there.
+        Raises TrainingError: shapes differ from those in training; or the policy has a memory, and was not told where
+        episodes begin.
         """
         (logs,) = self._ask(observations, _logs)
         with playing():
@@ -166,28 +166,28 @@ class Player:
         return actions.reshape(*observations[OWN].shape[:-1], actions.shape[1])
 
     def key_by(self, env: SurvivalVectorEnv, agents: Any) -> None:
-        """Sample actions by the keys of worlds from now on, instead of by a running generator; see EpisodeNoise.
+        """Sample actions by the keys of worlds from now on, not by a running generator; see EpisodeNoise.
 
-        agents: The indices of the agents that it plays in each world, integers (agents,).
+        agents: Indices of the agents that it plays in each world, integers (agents,).
         """
         self._noise = EpisodeNoise(env, agents)
 
     def doubted(self, slack: float) -> None:
-        """Return three choices from now on: by numbers that are smaller by `slack`, as drawn, and larger by it.
+        """Return three choices from now on: for numbers decreased by `slack`, as drawn, and increased by it.
 
-        Where the cumulative probabilities of another machine differ by less, its choice lies between the first and the
+        If the cumulative probabilities of another machine differ by less, its choice lies between the first and the
         last. Actions become int64 (..., agents, 3 * actions).
         """
         self._shifts = (-slack, 0.0, slack)
 
     def _uniform(self, *shape: int) -> torch.Tensor | None:
-        """Return uniform numbers to sample actions by, float32 (batch, actions); None for the likeliest actions."""
+        """Return uniform numbers for sampling actions, float32 (batch, actions); None for the likeliest actions."""
         if self._noise is not None:
             return torch.from_numpy(self._noise())
         return None if self.generator is None else torch.rand(shape, generator=self.generator, **FLOAT)
 
     def explainer(self) -> PolicyExplainer:
-        """Make an explainer of how the policy acts, with a memory of its own; for outlast.record(policy=player)."""
+        """Return an explainer of the policy, with a memory of its own; for outlast.record(policy=player)."""
         own = copy.copy(self)
         own._begins = own._remembered = None
         own.reset = own._reset if self.memory else None
@@ -209,11 +209,11 @@ class Player:
                 )
 
     def _recall(self, worlds: tuple[int, ...], agents: int) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return what agents remember and where that begins anew, as policies take both. Raises TrainingError."""
+        """Return the memory of agents, and where it is reset, for the policies. Raises TrainingError."""
         known = None if self._begins is None else self._begins.shape
         if self._begins is None or known != worlds:
             raise TrainingError(
-                f"the policy has a memory of {known} worlds, and observes {worlds}: tell it where episodes begin, by "
+                f"the policy has a memory of {known} worlds, but observes {worlds}: tell it where episodes begin, by "
                 "player.reset(numpy.ones(worlds, bool)) before the first call, or let "
                 "outlast.envs.rollout.memory.told(player, env) do it"
             )
@@ -223,15 +223,15 @@ class Player:
             self._remembered = torch.zeros(len(begins), self.memory, **FLOAT)
         if len(self._remembered) != len(begins):
             raise TrainingError(
-                f"the policy has a memory of {len(self._remembered)} agents, and observes {len(begins)}: "
-                "make another one of the same file for these"
+                f"the policy has a memory of {len(self._remembered)} agents, but observes {len(begins)}: "
+                "load the file again for these"
             )
         return self._remembered, begins
 
     def _ask(self, observations: dict[str, Array], question: Question) -> list[Array]:
-        """Ask the policy, or each of several about its own agents; returns the arrays (batch, ...) of the answers.
+        """Ask the policy, or each of several about its own agents. Return the arrays (batch, ...) of the answers.
 
-        Memory moves on by a step. Raises TrainingError.
+        Memory advances by a step. Raises TrainingError.
         """
         memory, begins = None, None
         with self._named():
@@ -289,25 +289,25 @@ def _rows(shapes: dict[str, tuple[int, ...]]) -> dict[str, tuple[int, ...]]:
 
 
 def _differences(trained: dict[str, tuple[int, ...]], here: dict[str, tuple[int, ...]]) -> str:
-    """Return what differs between the shapes of an agent's observations, in words; masks only if nothing else does."""
+    """Describe the difference between the shapes of an agent's observations; masks only if nothing else differs."""
     own = [{key: shape for key, shape in shapes.items() if not key.endswith("_mask")} for shapes in (trained, here)]
-    if own[0] == own[1]:  # as in made-up observations: the masks alone differ
+    if own[0] == own[1]:  # as in synthetic observations: only the masks differ
         own = [trained, here]
     known, found = own
     more, gone = sorted(found.keys() - known.keys()), sorted(known.keys() - found.keys())
-    parts = [f"it knows no {', '.join(more)}"] if more else []
+    parts = [f"it was trained without {', '.join(more)}"] if more else []
     parts += [f"it needs {', '.join(gone)}"] if gone else []
     for key in sorted(known.keys() & found.keys()):
         if known[key] != found[key]:
             sizes = (" x ".join(map(str, shape)) or "one number" for shape in (known[key], found[key]))
-            parts.append("{} is {} in training and {} here".format(key, *sizes))
+            parts.append("{} is {} in training but {} here".format(key, *sizes))
     return "; ".join(parts)
 
 
 def weights_of(path: Path, critic: bool = True) -> tuple[run_header.Header, list[dict[str, Array]]]:
-    """Return run.json of a saved policy, and its weights by name, float32; several if teams have policies of their own.
+    """Return run.json of a saved policy, and its weights by name, float32, for each policy if teams have several.
 
-    critic: Whether the weights that only values need are among them, if the file has them. Raises TrainingError: the
+    critic: Whether to include the weights that only values need, if the file has them. Raises TrainingError: the
     file cannot be read, or is damaged.
     """
     player = Player(path)
@@ -319,15 +319,15 @@ def weights_of(path: Path, critic: bool = True) -> tuple[run_header.Header, list
 
 
 def load_policy(path: str | Path, seed: int | None = 0) -> Player:
-    """Load a saved policy, to play with or against: a model by its name, or what `outlast train` has saved.
+    """Load a saved policy, to play with or against: a model by its name, or a file or folder of `outlast train`.
 
     >>> env = gymnasium.make("outlast/Teams3-v1", others=outlast.load_policy("teams_3/fast-0"))
     >>> env = gymnasium.make("outlast/FreeForAll2-v1", others=outlast.load_policy("runs/duel/steps_0001000000.zip"))
 
     Args:
         path: The name of a model, of which `outlast models` prints a list; the file, `steps_0001000000.zip` or
-            FILE.safetensors; or the folder of a run, for its newest checkpoint. A text that is a model's name is never
-            taken for a path: name the folder "./teams_3/fast-0", or as a pathlib.Path.
+            FILE.safetensors; or the folder of a run, for its newest checkpoint. The name of a model is never
+            read as a path: name the folder "./teams_3/fast-0", or as a pathlib.Path.
         seed: Seed of the generator that samples actions; None: the likeliest actions.
 
     Returns:
@@ -336,7 +336,7 @@ def load_policy(path: str | Path, seed: int | None = 0) -> Player:
 
     Raises:
         TrainingError: The file cannot be read, or is damaged.
-        UsageError: A folder is not that of a single run, or a model cannot be had.
+        UsageError: A folder does not hold a single run, or a model cannot be fetched.
         ValueError: The seed is not valid.
     """
     if seed is not None:

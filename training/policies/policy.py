@@ -1,4 +1,4 @@
-"""Policy and value networks with several independent actions: what they must be, and those of the presets."""
+"""Policy and value networks with several independent actions: their interface, and those of the presets."""
 
 from collections.abc import Sequence
 from typing import Any, cast
@@ -19,14 +19,14 @@ from .networks import Extractor, Memory, Tower, dense
 from .rows import Observed, Rows
 from .torch_settings import FLOAT, INDEX, playing
 
-NEVER = -1e9  # a logit of probability 0; minus infinity would give NaN where all logits are such
+NEVER = -1e9  # a logit of probability 0; minus infinity gives NaN if all logits have it
 GAIN = 0.01  # of the initial weights of the action heads, as in Stable-Baselines3
 
 
 class MultiCategorical(nn.Module):
     """Independent categorical distributions, given the logits of all of them in one row.
 
-    Log probabilities are (values, actions, batch), as PyTorch's softmax is several times as fast along the first axis.
+    Log probabilities are (values, actions, batch): PyTorch's softmax is several times as fast along the first axis.
     Actions with fewer values than others are padded with values of probability 0.
     """
 
@@ -49,7 +49,7 @@ class MultiCategorical(nn.Module):
         self.register_buffer("beyond", beyond, persistent=False)
 
     def log_probabilities(self, features: Tensor, head: nn.Linear) -> Tensor:
-        """Log probabilities of all values, (values, actions, batch), of features that the head turns into logits."""
+        """Log probabilities of all values, (values, actions, batch), from features that the head turns into logits."""
         weight, bias = head.weight.index_select(0, self.where), head.bias.index_select(0, self.where) + self.never
         logits = torch.addmm(bias[:, None], weight, features.T)
         return logits.view(*self.shape, len(features)).log_softmax(0)
@@ -63,7 +63,7 @@ class MultiCategorical(nn.Module):
     def of(actions: Tensor, logs: Tensor, free: Tensor | None = None) -> Tensor:
         """Return the log probabilities of joint actions (batch, actions): (batch,).
 
-        free: bool (batch, actions), which actions were drawn; the others were given. None: all were drawn.
+        free: bool (batch, actions), whether an action was drawn; others were given. None: all were drawn.
         """
         chosen = logs.gather(0, actions.T[None])
         return (chosen if free is None else chosen * free.T).sum((0, 1))
@@ -86,23 +86,23 @@ class MultiCategorical(nn.Module):
 
 
 class Networks(nn.Module):
-    """The networks of a policy and its critic. Networks of your own are a subclass with `__init__` and `forward`.
+    """The networks of a policy and its critic. Your own networks are a subclass with `__init__` and `forward`.
 
-    They are saved by their state_dict and the name of the class, which must be imported before a checkpoint is loaded.
+    They are saved as their state_dict and the name of the class, which must be imported before a checkpoint is loaded.
 
     Attributes:
-        sizes: How many values each action has.
+        sizes: Number of values of each action.
         layout: Layout of the observations.
-        preset: What decides the form of observations: Rows, or PaddedRows for preset `original`.
+        preset: The preset, which decides the form of observations: Rows, or PaddedRows for preset `original`.
         scales: Factors that bring inputs to about -1 to 1: float32 (layout.own,) and (numbers of all kinds,), see Rows.
-        memory: How many numbers each agent keeps from step to step; 0: none.
+        memory: Numbers that each agent keeps from step to step; 0: none.
         state: Numbers of the state of a world that the critic learns from; 0: none.
         choices: Log probabilities and draws of actions.
-        apart: Whether values have networks of their own, so that nothing is computed twice if they are asked for later.
+        apart: Whether values have networks of their own, so that computing them later repeats no work.
     """
 
     apart = False
-    plan: Any = None  # how compiled code computes them, if it can
+    plan: Any = None  # layout for the compiled code, if that can compute them
 
     def __init__(
         self,
@@ -114,7 +114,7 @@ class Networks(nn.Module):
         memory: int = 0,
         state: int = 0,
     ) -> None:
-        """Make networks with random weights; see the attributes."""
+        """Create networks with random weights; see the attributes."""
         super().__init__()
         self.sizes, self.layout, self.preset, self.scales = tuple(sizes), layout, preset, scales
         self.memory, self.state, self.choices = memory, state, MultiCategorical(sizes)
@@ -122,29 +122,29 @@ class Networks(nn.Module):
     def forward(
         self, seen: Observed, memory: Tensor | None = None, begins: Tensor | None = None
     ) -> tuple[Tensor, Tensor, Tensor | None]:
-        """Go through one step of a batch of agents or, with a memory, through several.
+        """Compute one step of a batch of agents or, with a memory, several.
 
         Args:
-            seen: What is observed: in several steps, what the same agents observe, step after step. It includes the
-                state of worlds if the critic learns from that.
+            seen: Observations: in several steps, those of the same agents, step after step. They include the state of
+                worlds if the critic learns from it.
             memory: float32 (agents, width), before the first step; None for a policy without a memory.
-            begins: bool (agents,) or (steps, agents), where episodes begin: there memory is 0, whatever is given.
+            begins: bool (agents,) or (steps, agents), where episodes begin: there memory is reset to 0.
 
         Returns:
-            Log probabilities of all values of all actions (values, actions, batch), as `choices.log_softmax` makes
-            them of logits; values (batch,); and the memory after the last step.
+            Log probabilities of all values of all actions (values, actions, batch), as from `choices.log_softmax`;
+            values (batch,); and the memory after the last step.
         """
         raise NotImplementedError
 
     def logs(
         self, seen: Observed, memory: Tensor | None = None, begins: Tensor | None = None
     ) -> tuple[Tensor, Tensor | None]:
-        """Return the log probabilities and the memory only, for callers that need no values and have no state."""
+        """Return the log probabilities and the memory only, for callers without a state that do not need values."""
         logs, _, after = self(seen, memory, begins)
         return logs, after
 
     def values(self, seen: Observed, memory: Tensor | None = None, begins: Tensor | None = None) -> Tensor:
-        """Return the values only, for callers that choose no actions; see `forward`."""
+        """Return the values only, for callers that do not choose actions; see `forward`."""
         values: Tensor = self(seen, memory, begins)[1]
         return values
 
@@ -153,11 +153,11 @@ class Networks(nn.Module):
         return self.choices.likeliest(logs) if uniform is None else self.choices.draw(logs, uniform)
 
     def take(self, other: Any, scale: Any = 1.0) -> None:
-        """Become the same function of observations, and of the state, as a policy whose inputs may be scaled otherwise.
+        """Become the same function of observations, and of the state, as a policy whose scales of inputs may differ.
 
-        scale: What numbers of the state are divided by here, over what they are divided by there: float32 (numbers,).
-        Raises RuntimeError if its networks differ, as load_state_dict does, and TrainingError if inputs are scaled
-        otherwise, and the networks cannot make up for it.
+        scale: The divisor of the state's numbers here, over their divisor there: float32 (numbers,).
+        Raises RuntimeError if networks differ, as load_state_dict, and TrainingError if scales of inputs differ and
+        the networks cannot compensate for it.
         """
         self.load_state_dict(other.state_dict())
         self.rescale(other.scales)
@@ -167,7 +167,7 @@ class Networks(nn.Module):
             )
 
     def rescale(self, scales: tuple[Any, Any]) -> None:
-        """Set other scales of inputs: those that the weights were trained with. Raises TrainingError if it cannot."""
+        """Set the scales of inputs that the weights were trained with. Raises TrainingError if it cannot."""
         if not all(map(np.array_equal, self.scales, scales)):
             raise TrainingError(f"{name_of(self)} was trained with other scales of inputs: imitate it, by NAME:STEPS")
 
@@ -186,7 +186,7 @@ class ActorCritic(Networks):
         self.overview = dense(state, preset.hidden) if state else None
         self.actor = Tower(preset, inputs + memory, sum(sizes), GAIN)
         self.critic = Tower(preset, inputs + memory + (preset.hidden if state else 0), 1, 1.0)
-        self.plan = compiled_networks.plan(self) if type(self) is ActorCritic else None  # others may compute otherwise
+        self.plan = compiled_networks.plan(self) if type(self) is ActorCritic else None  # subclasses may differ
 
     def forward(
         self, seen: Observed, memory: Tensor | None = None, begins: Tensor | None = None
@@ -226,7 +226,7 @@ class ActorCritic(Networks):
         return self.recurrent.through(features, memory, begins if begins.ndim == 2 else begins[None])
 
     def _valued(self, features: Tensor, seen: Observed) -> Tensor:
-        """Return values by the features of the critic and, if it learns from that, the state of the worlds."""
+        """Return values from the features of the critic and, if it learns from it, the state of the worlds."""
         if self.overview is not None:
             features = torch.cat([features, self.critic.activation(self.overview(seen.state))], 1)
         values: Tensor = self.critic(features).flatten()
@@ -261,21 +261,21 @@ class ActorCritic(Networks):
 
 
 def networks_named(name: str) -> type[Networks]:
-    """Return the networks of that full name, which must be imported; of "", those of the presets."""
+    """Return the class of networks of that full name, which must be imported; "": that of the presets."""
     found = imported_code(name) if name else ActorCritic
     if isinstance(found, type) and issubclass(found, Networks):
         return found
     raise TrainingError(
-        f"its networks are {name}, which are not imported, as nothing that a file names is: import the module first, "
+        f"its networks are {name}, which are not imported automatically: import the module first, "
         "as by --import FILE.py"
     )
 
 
 def check_outputs(networks: Networks, seen: Observed) -> None:
-    """Raise TrainingError unless networks of a user's own return what training and play need."""
+    """Raise TrainingError unless the user's networks return the outputs that training and play need."""
     name, count, memory = name_of(networks), len(seen), None
     if networks.state and type(networks).logs is Networks.logs:
-        raise TrainingError(f"{name} has a critic that learns from the state: define logs(), which plays without it")
+        raise TrainingError(f"{name} has a critic that learns from the state: define logs(), without the state")
     begins = torch.ones(count, dtype=torch.bool, device="cpu") if networks.memory else None
     with playing():
         if networks.memory:
@@ -284,8 +284,8 @@ def check_outputs(networks: Networks, seen: Observed) -> None:
         shapes = [None if each is None else tuple(each.shape) for each in found]
         wanted = [(*networks.choices.shape, count), (count,), (count, networks.memory) if networks.memory else None]
         if shapes != wanted:
-            raise TrainingError(f"forward of {name} returns tensors of shapes {shapes}: {wanted} are needed")
+            raise TrainingError(f"forward of {name} returns tensors of shapes {shapes}: they must be {wanted}")
         if not torch.allclose(found[0].exp().sum(0), found[1].new_ones(())):
             raise TrainingError(
-                f"forward of {name} returns no log probabilities: take self.choices.log_softmax(logits)"
+                f"forward of {name} does not return log probabilities: take self.choices.log_softmax(logits)"
             )

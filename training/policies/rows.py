@@ -1,6 +1,6 @@
-"""Observations as rows for the networks: one flat list of the entities that the agents of a batch see.
+"""Observations as rows for the networks: one flat list of the entities that a batch of agents sees.
 
-An agent sees one or two of 17 to 36 entities, so only those that it sees are kept, embedded and attended to.
+An agent sees one or two of 17 to 36 entities, so only these are kept, embedded and attended to.
 """
 
 from __future__ import annotations
@@ -17,11 +17,11 @@ from torch.nn import functional
 from ..base.observation_layout import ObservationLayout
 
 Array = np.ndarray[Any, Any]
-FILL = 512  # lists are filled up to multiples of this where shapes should repeat
+FILL = 512  # lists are padded to multiples of this where shapes should repeat
 
 
 def moved(tensor: Tensor, device: torch.device) -> Tensor:
-    """Return the tensor on a device; it goes to a GPU through pinned memory, so that the CPU does not wait for it."""
+    """Return the tensor on a device; to a GPU through pinned memory, so that the CPU does not wait."""
     if device.type == "cuda" and tensor.device.type == "cpu" and torch.cuda.is_available():
         tensor = tensor.pin_memory()
     return tensor.to(device, non_blocking=True)
@@ -32,14 +32,13 @@ class Rows:
 
     Attributes:
         own: float32 (batch, layout.own), each agent's own numbers.
-        entities: float32 (rows, layout.columns), the entities that agents see, agent after agent. Each stands in the
-            columns of its kind, with a 1 in the column that says which kind that is; the others are 0.
-        count: int64 (batch,), how many of the rows are each agent's.
-        known: The same as an array, from which the CPU knows all sizes without waiting for a GPU.
-        room: How many pairs there is room for, or None. If there is room, rows and pairs that belong to nobody, at
-            least one of each, follow all others and fill up the lists to multiples of FILL, so that a GPU meets the
-            same shapes again.
-        state: float32 (batch, numbers), of each agent's whole world, for a critic that learns from it; or None.
+        entities: float32 (rows, layout.columns), the entities that agents see, agent after agent. Each has its
+            numbers in the columns of its kind, and a 1 in the column of its kind; the others are 0.
+        count: int64 (batch,), number of rows of each agent.
+        known: The same as an array, which gives the CPU all sizes without waiting for a GPU.
+        room: Capacity for pairs, or None. With a capacity, rows and pairs without an owner, at least one of each,
+            follow all others and pad the lists to multiples of FILL, so that shapes repeat on a GPU.
+        state: float32 (batch, numbers), the state of each agent's world, for a critic that learns from it; or None.
     """
 
     def __init__(
@@ -59,27 +58,27 @@ class Rows:
 
     @cached_property
     def start(self) -> Tensor:
-        """int64 (batch,), where each agent's rows begin."""
+        """int64 (batch,), index of each agent's first row."""
         return self.count.cumsum(0) - self.count
 
     @property
     def owners(self) -> int:
-        """Return how many owners rows can have: the agents and, where lists are filled up, nobody."""
+        """Return the number of owners of rows: the agents and, for padded lists, one for unowned rows."""
         return len(self) + (self.room is not None)
 
     @cached_property
     def agent(self) -> Tensor:
-        """int64 (rows,), the agent that each row belongs to."""
+        """int64 (rows,), the agent of each row."""
         owners = torch.arange(self.owners, dtype=torch.int64, device=self.count.device)
         return owners.repeat_interleave(self._counts(len(self.entities)), output_size=len(self.entities))
 
     @cached_property
     def each(self) -> Tensor:
-        """int64 (rows,), in how many pairs each row is the first: as many as its agent has rows."""
+        """int64 (rows,), the number of pairs with each row as the first: the number of its agent's rows."""
         if self.room is None:
             return self.count.index_select(0, self.agent)
         each = functional.pad(self.count, (0, 1)).index_select(0, self.agent)
-        each[-1] = self.room - each.sum()  # the last row is the first of all pairs that are left
+        each[-1] = self.room - each.sum()  # the last row is the first in all remaining pairs
         return each
 
     @cached_property
@@ -93,7 +92,7 @@ class Rows:
         return first, second if self.room is None else second.clamp(max=len(rows) - 1)
 
     def select(self, index: Tensor) -> Rows:
-        """Return what some agents observe. index: Which ones, int64 (some,), on the CPU."""
+        """Return the observations of some agents. index: Their indices, int64 (some,), on the CPU."""
         known, there = self.known[index.numpy()], moved(index, self.count.device)
         found = Rows(self.own.index_select(0, there), self.entities, self.count.index_select(0, there), known)
         found.state = _selected(self.state, there)
@@ -109,13 +108,13 @@ class Rows:
         return found
 
     def filled(self) -> Rows:
-        """Return the same, with lists filled up, see `room`."""
+        """Return a copy with padded lists, see `room`."""
         size, pairs = len(self.entities), int((self.known * self.known).sum())
         entities = functional.pad(self.entities, (0, 0, 0, _filled(size) - size))
         return Rows(self.own, entities, self.count, self.known, _filled(pairs), self.state)
 
     def to(self, device: torch.device) -> Rows:
-        """Return the same on a device: filled up on a GPU, and unchanged on the CPU."""
+        """Return the observations on a device: padded on a GPU, and unchanged on the CPU."""
         if device.type == self.own.device.type:
             return self
         here = self.filled()
@@ -123,16 +122,16 @@ class Rows:
         return Rows(own, entities, count, self.known, here.room, _moved(self.state, device))
 
     def _counts(self, size: int) -> Tensor:
-        """int64 (owners,), how many of `size` rows belong to each agent, and to nobody."""
+        """int64 (owners,), the number of `size` rows of each agent, and of unowned rows."""
         if self.room is None:
             return self.count
         return torch.cat([self.count, (size - self.count.sum())[None]])
 
 
 class PaddedRows:
-    """Observations of a batch of agents, with a row for each entity that there may be, seen or not.
+    """Observations of a batch of agents, with a row for each possible entity, seen or not.
 
-    packed: float32 (batch, layout.size). layout: Where everything is in `packed`.
+    packed: float32 (batch, layout.size). layout: Layout of `packed`.
     """
 
     def __init__(self, packed: Tensor, layout: ObservationLayout, state: Tensor | None = None) -> None:
@@ -148,7 +147,7 @@ class PaddedRows:
 
     @property
     def seen(self) -> Tensor:
-        """float32 (batch, layout.rows), 1 for each entity that is seen."""
+        """float32 (batch, layout.rows), 1 for each visible entity."""
         return self.packed[:, self.layout.own : self.layout.own + self.layout.rows]
 
     @property
@@ -158,12 +157,12 @@ class PaddedRows:
         return cells.view(len(self), self.layout.rows, self.layout.features)
 
     def select(self, index: Tensor) -> PaddedRows:
-        """Return what some agents observe. index: Which ones, int64 (some,), on the CPU."""
+        """Return the observations of some agents. index: Their indices, int64 (some,), on the CPU."""
         there = moved(index, self.packed.device)
         return PaddedRows(self.packed.index_select(0, there), self.layout, _selected(self.state, there))
 
     def to(self, device: torch.device) -> PaddedRows:
-        """Return the same on a device."""
+        """Return the observations on a device."""
         return PaddedRows(moved(self.packed, device), self.layout, _moved(self.state, device))
 
 
@@ -171,7 +170,7 @@ Observed = Rows | PaddedRows
 
 
 def concatenated(parts: Sequence[Observed]) -> Observed:
-    """Join batches, one after the other; all are on the CPU."""
+    """Concatenate batches, all on the CPU."""
     states = [part.state for part in parts if part.state is not None]
     state = torch.cat(states) if states else None
     if isinstance(first := parts[0], PaddedRows):

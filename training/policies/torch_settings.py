@@ -1,7 +1,7 @@
-"""PyTorch's settings that a caller may have changed, none of which changes what is computed here.
+"""PyTorch's settings that a caller may have changed; none of them changes the results here.
 
-The default dtype and device have no effect, as every tensor that is made names both (a test checks that). The rest is
-restored when a caller's code goes on.
+The default dtype and device have no effect, since every new tensor names both (a test checks that). The rest is
+restored before a caller's code continues.
 """
 
 import contextlib
@@ -13,18 +13,18 @@ import torch
 
 FLOAT: dict[str, Any] = {"dtype": torch.float32, "device": "cpu"}
 INDEX: dict[str, Any] = {"dtype": torch.int64, "device": "cpu"}
-EXACT = ("none", "ieee", "highest")  # precisions of products in float32 in which factors are not rounded
+EXACT = ("none", "ieee", "highest")  # precisions of float32 products that do not round factors
 PRODUCTS: Any = getattr(torch.backends.mkldnn, "matmul", None)  # None before PyTorch 2.9
-LOCK = threading.RLock()  # held while a policy plays with other settings of the process than the caller's
+LOCK = threading.RLock()  # held while a policy plays with settings that differ from the caller's
 
 
 @contextlib.contextmanager
 def playing() -> Iterator[None]:
-    """Run PyTorch on one thread, in float32 and without gradients, and then restore what the caller has set.
+    """Run PyTorch on one thread, in float32 and without gradients, and then restore the caller's settings.
 
     The number of threads is also that of the caller's own networks. Networks this small are slower on several threads,
-    much slower where cores are busy, as threads wait for each other. And on one thread, sums come out the same wherever
-    it runs. The changes take a few microseconds.
+    much slower on busy cores, since threads wait for each other. On one thread, sums are also the same everywhere. The
+    changes take a few microseconds.
     """
     with LOCK, torch.inference_mode():
         threads, precision, cast = torch.get_num_threads(), _precision(), torch.is_autocast_enabled("cpu")
@@ -43,9 +43,9 @@ def playing() -> Iterator[None]:
 
 @contextlib.contextmanager
 def learning() -> Iterator[None]:
-    """Make tensors that have gradients, whatever mode the caller is in, and compute with them in float32 on the CPU.
+    """Make tensors that have gradients, in any mode of the caller, and compute with them in float32 on the CPU.
 
-    On a GPU, products round as the caller has asked for.
+    On a GPU, products round as the caller has set.
     """
     precision = _precision()
     _set_precision("")
@@ -62,13 +62,13 @@ def learning() -> Iterator[None]:
 
 
 def _precision() -> str:
-    """Return to how many bits products on the CPU round the factors; "" if they do not."""
+    """Return the precision to which products on the CPU round factors; "" if they do not."""
     found: str = PRODUCTS.fp32_precision if PRODUCTS else torch.get_float32_matmul_precision()
     return "" if found in EXACT else found
 
 
 def _set_precision(precision: str) -> None:
-    """Restore what `_precision` returned. Nothing is set that is as it should be, as settings may be inherited."""
+    """Restore what `_precision` returned. Unchanged settings are not set, since they may be inherited."""
     if precision == _precision():
         return
     if PRODUCTS:

@@ -17,7 +17,7 @@ from .crew import GRACE, POLL, WRONG, Crew, CrewProcess, join, joined, listening
 
 
 def recruit_on_cluster(address: str, size: int, work: Callable[..., None], *arguments: Any) -> Crew:
-    """Do as `crew.recruit`, on the cluster at an address (see envs.rollout.ray.connected). Raises ClusterError."""
+    """Return a crew as `crew.recruit` does, on a cluster (see envs.rollout.ray.connected). Raises ClusterError."""
     with contextlib.ExitStack() as opened:
         opened.enter_context(connected(address))
         cores = int(ray.cluster_resources().get("CPU", 0))
@@ -35,7 +35,7 @@ class Tasks:
     """The other processes of the crew, as tasks that run on the cluster."""
 
     def __init__(self, tasks: list[Any], store: Any, opened: contextlib.ExitStack) -> None:
-        """Take Ray's references to the results of tasks. opened: What is closed when they are stopped."""
+        """Take Ray's references to the results of tasks. opened: Closed when they are stopped."""
         self.tasks, self.store, self.opened = tasks, store, opened
 
     def wait(self) -> None:
@@ -46,7 +46,7 @@ class Tasks:
             time.sleep(POLL)
 
     def reason(self) -> str:
-        """Return what one of them reports as wrong, or how it ended; "" if none has failed."""
+        """Return the error that one of them reports, or how it ended; "" if none has failed."""
         ray.wait(self.tasks, timeout=GRACE)  # until the first of them ends
         for rank in range(1, len(self.tasks) + 1):
             if self.store.check([WRONG.format(rank)]):
@@ -59,11 +59,11 @@ class Tasks:
                 continue
             except RayError as error:
                 wrong = f"was lost ({type(error).__name__})"
-                return f"process {rank + 1} of {len(self.tasks) + 1} {wrong}; go on with --resume"
+                return f"process {rank + 1} of {len(self.tasks) + 1} {wrong}; continue with --resume"
         return ""
 
     def stop(self) -> None:
-        """Let them end, which they do when they lose this process, and close the connection."""
+        """Close the connection; the tasks end when they lose this process."""
         with self.opened:
             ray.wait(self.tasks, num_returns=len(self.tasks), timeout=GRACE)
 

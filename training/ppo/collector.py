@@ -20,10 +20,10 @@ BATCH = 4096  # samples of a rollout that are valued at once
 
 
 class Collector:
-    """A collector that plays in the lane of this process and adds what other processes have.
+    """A collector that plays in the lane of this process and adds the results of other processes.
 
-    Networks and worlds take turns. Halves of the worlds on two threads, and worlds that are stepped while networks are
-    busy with others, were tried, and are slower: half of a step's time is Python's, which two threads cannot share.
+    Networks and worlds take turns. Two alternatives were tried and are slower: halves of the worlds on two threads, and
+    stepping worlds while networks compute for others. Half of a step's time is Python's, which threads cannot share.
 
     lane: The worlds of this process. scale: The scale of rewards, computed from those of all processes.
     """
@@ -40,10 +40,10 @@ class Collector:
 
     @torch.inference_mode()
     def collect(self, policies: Sequence[Networks], steps: int, begun: int) -> Rollout:
-        """Play on from where the worlds are, and keep what happens.
+        """Continue to play in the worlds, and return the samples.
 
-        policies: The policies of the learners. steps: How many steps to play in each world. begun: How many steps each
-        world has played before.
+        policies: The policies of the learners. steps: Number of steps to play in each world. begun: Number of steps
+        played in each world before.
         """
         lane = self.lane
         lane.open(steps, policies)
@@ -61,13 +61,13 @@ class Collector:
         numbers, rewards, ends = self.numbers, everyones("rewards"), everyones("ends")
         if not np.isfinite(rewards).all():
             raise TrainingError(
-                "rewards are no finite numbers (NaN or infinity): a mechanic computes them, as by 0 / 0 or the root of "
+                "rewards are not finite (NaN or infinity): a mechanic computes them, as by 0 / 0 or the root of "
                 "a negative number; outlast rollout with --interpret shows where"
             )
         spread = self.scale.update(rewards, ends) if numbers.scale_rewards else 1.0
         if self.scale.wrong() or (np.abs(rewards) > DEAREST).any():
             raise TrainingError(
-                f"rewards, or their discounted sums, are beyond {DEAREST:g}, and no run goes on with those: pay less"
+                f"rewards, or their discounted sums, are beyond {DEAREST:g}, which training cannot use: pay less"
             )
         rewards = rewards / np.float32(spread) + np.float32(numbers.gamma) * everyones("later")
         seen = {form: concatenated([each[form] for each in samples.seen]) for form in samples.seen[0]}

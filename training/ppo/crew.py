@@ -20,24 +20,24 @@ from ..base.processes import GUARD, spawning
 
 Array = np.ndarray[Any, Any]
 HOST = "127.0.0.1"
-TIMEOUT = timedelta(minutes=30)  # how long others wait for a process that is busy alone: compiling, writing files
-POLL, GRACE = 0.02, 5.0  # seconds: between checks of processes that begin; that a failed process has for ending
-BEGUN, JOINS, WRONG = "begun {}", "joins {}", "wrong {}"  # what process {} sets in the store; WRONG: what failed
+TIMEOUT = timedelta(minutes=30)  # wait of the others for one process that compiles or writes files
+POLL, GRACE = 0.02, 5.0  # seconds: between checks of starting processes; grace period of a failed process
+BEGUN, JOINS, WRONG = "begun {}", "joins {}", "wrong {}"  # keys that process {} sets in the store; WRONG: its error
 LOST = 75  # exit status of a process whose only fault is that it lost another one
 
 
 class Crew:
-    """The processes that train together; here only one, so sums stay as they are and nothing is sent.
+    """The processes that train together; here only one, so sums do not change and nothing is sent.
 
-    rank: The number of this process; the first, 0, is the one that logs and writes files. size: How many processes
-    there are.
+    rank: The number of this process; the first, 0, is the one that logs and writes files. size: Number of
+    processes.
     """
 
     def __init__(self, rank: int = 0, size: int = 1) -> None:
         self.rank, self.size = rank, size
 
     def share(self, count: int) -> range:
-        """Return which of `count` worlds belong to this process."""
+        """Return the range of this process among `count` worlds."""
         return range(count * self.rank // self.size, count * (self.rank + 1) // self.size)
 
     def sum(self, tensors: Sequence[Tensor]) -> None:
@@ -64,23 +64,23 @@ class CrewProcess(Crew):
     """One of several processes."""
 
     def __init__(self, rank: int, size: int, host: str, store: Any, others: "Others | None" = None) -> None:
-        """Make a member; it joins the others when it first sends something.
+        """Create a member; it joins the others when it first sends a message.
 
-        host: The address at which the others reach this process. store: Where the processes find each other.
+        host: The address at which the others reach this process. store: Store where the processes find each other.
         others: The processes that this one has started.
         """
         super().__init__(rank, size)
         self._host, self._store, self._others, self._joined = host, store, others, None
 
     def sum(self, tensors: Sequence[Tensor]) -> None:
-        """Send them as one tensor, so that one message goes each way; tensors of a GPU go by way of the CPU."""
+        """Send them as one tensor, with one message each way; tensors of a GPU are sent through the CPU."""
         flat = torch.cat([tensor.detach().flatten() for tensor in tensors]).cpu()
         self._run(lambda group: group.allreduce([flat]))
         for tensor, total in zip(tensors, torch.split(flat, [tensor.numel() for tensor in tensors]), strict=True):
             tensor.copy_(total.view_as(tensor))
 
     def gather(self, array: Array, axis: int = 0) -> Array:
-        """Send them as bytes, filled up to the length of the longest."""
+        """Send them as bytes, padded to the length of the longest."""
         rows = np.ascontiguousarray(np.moveaxis(array, axis, 0))
         lengths = self._gather(np.array([len(rows)], np.int64).view(np.uint8)).view(np.int64)[:, 0]
         each = rows.itemsize * math.prod(rows.shape[1:])  # bytes of a row
@@ -91,13 +91,13 @@ class CrewProcess(Crew):
         return np.moveaxis(joined, 0, axis)
 
     def gather_values(self, own: Any) -> list[Any]:
-        """Send them as JSON, so that nothing which is received is executed."""
+        """Send them as JSON, so that received data is never executed."""
         lines = self.gather(np.frombuffer(f"{json.dumps(own)}\n".encode(), np.uint8)).tobytes().splitlines()
         return [json.loads(line) for line in lines]
 
     @contextlib.contextmanager
     def first_ahead(self) -> Iterator[None]:
-        """Let the others wait for a message from the first."""
+        """Make the others wait for a message from the first."""
         if self.rank:
             self._gather(np.zeros(1, np.uint8))
         yield
@@ -111,14 +111,14 @@ class CrewProcess(Crew):
             self._others.stop()
 
     def _gather(self, own: Array) -> Array:
-        """Return the bytes of all processes, equally many from each: uint8 (processes, bytes)."""
+        """Return the bytes of all processes, the same number from each: uint8 (processes, bytes)."""
         found = torch.zeros((self.size, len(own)), dtype=torch.uint8, device="cpu")
         self._run(lambda group: group.allgather([list(found)], [torch.from_numpy(own)]))
         gathered: Array = found.numpy()
         return gathered
 
     def _run(self, begin: Callable[[Any], Any]) -> None:
-        """Do something together with all processes. Raises TrainingError if one is lost."""
+        """Run a collective operation of all processes. Raises TrainingError if one is lost."""
         try:
             if self._joined is None:
                 if self._others is not None:
@@ -168,7 +168,7 @@ class Children:
             time.sleep(POLL)
 
     def reason(self) -> str:
-        """Return what one of them reports as wrong, or how it ended; waits up to GRACE seconds for that."""
+        """Return the error that one of them reports, or how it ended. Waits up to GRACE seconds."""
         end = time.monotonic() + GRACE
         while time.monotonic() < end:
             for rank, process in enumerate(self.processes, 1):
@@ -177,7 +177,7 @@ class Children:
                 if not process.is_alive() and (code := process.exitcode or 0) != LOST:
                     how = f"was ended by signal {-code}" if code < 0 else f"ended with status {code}"
                     imported = code < 0 or self.store.check([BEGUN.format(rank)])
-                    cure = "; go on with --resume" if imported else f" before it began to train: {GUARD}"
+                    cure = "; continue with --resume" if imported else f" before it began to train: {GUARD}"
                     return f"process {rank + 1} of {self.size} {how}{cure}"
             time.sleep(POLL)
         return ""
@@ -191,9 +191,9 @@ class Children:
 
 
 def recruit(size: int, work: Callable[..., None], *arguments: Any) -> Crew:
-    """Make a crew of processes: this one, and others that are started.
+    """Return a crew of processes: this one, and others that it starts.
 
-    size: How many processes; 1 starts none. work: What the others do, called with their crew; a function of a module.
+    size: Number of processes; 1 starts none. work: Run by the others with their crew; a function of a module.
     arguments: Further arguments of `work`; picklable.
     """
     if size == 1:
@@ -215,7 +215,7 @@ def listening(host: str) -> Any:
 
 
 def join(rank: int, size: int, host: str, first: str, port: int, work: Callable[..., None], *arguments: Any) -> None:
-    """Join the crew and do the work (see `recruit`), in a process that was started for it.
+    """Join the crew and do the work (see `recruit`), in a process started for that.
 
     host: The address at which this process is reached. first: The address of the first process. port: Of its store.
     """

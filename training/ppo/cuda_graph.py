@@ -1,4 +1,4 @@
-"""Gradients on a GPU without launching their kernels one by one."""
+"""Gradients on a GPU without launching kernels one by one."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
@@ -10,7 +10,7 @@ from torch import Tensor
 from ..policies.rows import Rows
 from .minibatches import Minibatch
 
-MOST = 64  # shapes that are remembered, with or without a graph
+MOST = 64  # shapes remembered, with or without a graph
 NUMBERS = [field.name for field in fields(Minibatch) if field.name != "seen"]
 Gradients = tuple[Tensor, Sequence[Tensor]]
 Compute = Callable[[Minibatch], Gradients]
@@ -26,11 +26,11 @@ class Captured:
 
 
 class GraphedGradients:
-    """The figures and gradients of minibatches of Rows: one CUDA graph for each of the shapes that they have.
+    """The figures and gradients of minibatches of Rows: one CUDA graph for each shape.
 
     A minibatch takes about 250 kernels, and a GPU runs them in less time than a CPU needs to launch them. A graph is
-    launched as a whole, but its shapes are fixed. Few graphs are enough, as lists of rows are filled up to few lengths.
-    Shapes that occur for the first time get no graph yet: making one takes longer than computing without it.
+    launched at once, but its shapes are fixed. Few graphs are enough, as lists of rows are padded to few lengths. New
+    shapes get no graph yet: capturing one takes longer than computing without it.
     """
 
     def __init__(self, device: torch.device) -> None:
@@ -41,7 +41,7 @@ class GraphedGradients:
     def __call__(self, compute: Compute, batch: Minibatch) -> Gradients:
         """Compute the figures and gradients of a minibatch. The next call overwrites the gradients.
 
-        compute: Computes the figures of a minibatch and the gradients of all parameters. It is always the same
+        compute: Computes the figures of a minibatch and the gradients of all parameters. It must always be the same
         function, and must not wait for the GPU.
         """
         tensors = _tensors(batch)
@@ -51,7 +51,7 @@ class GraphedGradients:
         with torch.cuda.device(self.device):
             if met and one is None:
                 one = _capture(compute, batch, self.memory)
-            self.graphs[shapes] = one  # goes to the end: so the first one is the one unused for longest
+            self.graphs[shapes] = one  # moves to the end: the first one is the least recently used
             if len(self.graphs) > MOST:
                 del self.graphs[next(iter(self.graphs))]
             if one is None:
@@ -69,7 +69,7 @@ def _capture(compute: Compute, batch: Minibatch, memory: Any) -> Captured:
     side = torch.cuda.Stream()  # type: ignore[no-untyped-call]
     side.wait_stream(here)
     with torch.cuda.stream(side):
-        compute(_copy(batch))  # in a first call libraries set themselves up, which cannot be captured
+        compute(_copy(batch))  # the first call initialises libraries, which cannot be captured
     here.wait_stream(side)
     given, graph = _copy(batch), torch.cuda.CUDAGraph()
     with torch.cuda.graph(graph, pool=memory):
@@ -78,7 +78,7 @@ def _capture(compute: Compute, batch: Minibatch, memory: Any) -> Captured:
 
 
 def _copy(batch: Minibatch) -> Minibatch:
-    """Return a copy in memory of its own, from which nothing has been computed yet."""
+    """Return a copy in separate memory, without cached results."""
 
     def clone(values: Tensor | None) -> Any:
         return None if values is None else values.clone()
@@ -98,5 +98,5 @@ def _tensors(batch: Minibatch) -> list[Tensor]:
 
 def _rows(batch: Minibatch) -> Rows:
     if not isinstance(batch.seen, Rows):
-        raise TypeError(f"minibatches of Rows are needed, not of {type(batch.seen).__name__}")
+        raise TypeError(f"minibatches must be of Rows, not of {type(batch.seen).__name__}")
     return batch.seen

@@ -1,4 +1,4 @@
-"""Levels that a function chooses while agents train: what the function is told, and which world plays which level."""
+"""Levels that a function chooses while agents train: its arguments, and the assignment of levels to worlds."""
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
@@ -30,15 +30,15 @@ class TrainingProgress:
     """Progress of a run, for the function that chooses its levels.
 
     Attributes:
-        scenario: What is trained, with the observations that the policy needs.
-        steps: Agent-steps that were collected so far.
-        seed: The seed of the run.
-        rng: A generator for this call alone, the same whenever the run is at this step.
-        policy: The policy that has played up to now, as outlast.load_policy returns it.
-        levels: What the function returned last; at first one level in which everything is drawn.
+        scenario: The scenario of training, with the observations that the policy needs.
+        steps: Agent-steps collected so far.
+        seed: Seed of the run.
+        rng: A generator for this call only, the same whenever the run is at this step.
+        policy: The policy that has played so far, as from outlast.load_policy.
+        levels: The last levels that the function returned; at first one level in which everything is drawn.
         played: The levels of the episodes that have ended since the last call, with their keys and all their numbers,
-            rounded to float32. So recognise a level that you gave by its key: the levels themselves are not equal.
-        statistics: What these episodes came to, (episodes, ...) by name, as in info["statistics"] of SurvivalVectorEnv.
+            rounded to float32. Identify your levels by their keys: the levels themselves are not equal.
+        statistics: Their statistics, (episodes, ...) by name, as in info["statistics"] of SurvivalVectorEnv.
     """
 
     scenario: Scenario
@@ -54,13 +54,13 @@ class TrainingProgress:
 class Curriculum:
     """The levels that episodes of a run are drawn from.
 
-    levels: What the function returned last; at first one in which everything is drawn.
+    levels: The last levels that the function returned; at first one in which everything is drawn.
     """
 
     def __init__(self, choose: Choose, env: SurvivalVectorEnv) -> None:
-        """choose: Called before the first rollout, and after each one. env: Worlds like those that are played in.
+        """choose: Called before the first rollout, and after each one. env: Worlds like those of training.
 
-        Raises TrainingError if the scenario has no levels, as it draws no numbers, walls or roles.
+        Raises TrainingError if the scenario has no levels, since it does not draw numbers, walls or roles.
         """
         self.choose, self.varied, self.layout = choose, dict(env.scenario.varied), env.worlds.layout
         self.levels: Sequence[Level] = (Level(),)
@@ -68,30 +68,30 @@ class Curriculum:
             env.set_levels(self.levels)
         except NumberError:
             raise TrainingError(
-                f"{env.scenario.name} has no levels to choose, as it draws no numbers, walls or roles: vary some, as "
+                f"{env.scenario.name} has no levels to choose, since numbers, walls and roles are fixed: vary some, as "
                 "by scenario.vary(melee_damage=outlast.distributions.integers(5, 20)), or leave out levels"
             ) from None
 
     def ask(self, progress: TrainingProgress) -> None:
-        """Let the function choose the levels of the next rollout. Raises TrainingError if it returns no levels."""
+        """Make the function choose the levels of the next rollout. Raises TrainingError if it returns no levels."""
         self.take(self.choose(progress))
 
     def take(self, levels: Any) -> None:
-        """Draw from these levels from now on. Raises TrainingError if they are no levels."""
+        """Draw from these levels from now on. Raises TrainingError if they are not levels."""
         try:
             check_all(levels, self.varied)
             check_free(levels, self.layout)
         except NumberError as error:
-            raise TrainingError(f"what was chosen are no levels: {error}") from None
+            raise TrainingError(f"the function must return levels: {error}") from None
         if not levels:
-            raise TrainingError("what was chosen are no levels: there is none; return [Level()] to have all drawn")
+            raise TrainingError("the function returned an empty list of levels; return [Level()] to draw everything")
         self.levels = tuple(levels)
 
     def deal(self, env: SurvivalVectorEnv, where: Array, keys: Array) -> None:
         """Give levels to the worlds `where`, bool (worlds,), whose next episode is about to begin.
 
-        keys: The keys of these worlds, uint64 (some worlds, 3), by which levels are drawn. A level without a key is
-        played with the key of its world, also when a resumed run plays in new worlds.
+        keys: The keys of these worlds, uint64 (some worlds, 3), by which levels are drawn. A level without a key gets
+        the key of its world, also when a resumed run plays in new worlds.
         """
         words = hashed(STREAM, *keys.T)
         drawn = ((words >> np.uint64(11)) * 2.0**-53 * len(self.levels)).astype(int)
@@ -99,21 +99,21 @@ class Curriculum:
         env.set_levels([Level(level.numbers, level.key or tuple(own)) for level, own in dealt], where)
 
     def state(self) -> str:
-        """Return the levels as text, with which a run can be resumed."""
+        """Return the levels as text, for resuming a run."""
         return json.dumps(encoded(self.levels))
 
     def restore(self, given: Any) -> None:
-        """Go on from what `state` returned. Raises TrainingError for anything else."""
+        """Restore the result of `state`. Raises TrainingError for other content."""
         try:
             self.take(decoded(json.loads(given)))
         except strict_json.BROKEN as error:
-            raise TrainingError(f"levels in {REST} of the checkpoint are none: {error}") from None
+            raise TrainingError(f"levels in {REST} of the checkpoint are invalid: {error}") from None
 
 
 def joined(ended: Iterable[Ended], env: SurvivalVectorEnv) -> tuple[list[Level], dict[str, Array]]:
-    """Return levels and statistics of episodes, in the order in which they ended, whichever process played them.
+    """Return levels and statistics of episodes, in the order in which they ended, for any division among processes.
 
-    ended: The episodes, in any order. env: Worlds like theirs; they tell which statistics there are, even if no episode
+    ended: The episodes, in any order. env: Worlds like theirs; they define the statistics, even if no episode has
     ended.
     """
     ordered = sorted(ended, key=lambda each: each[:2])

@@ -1,4 +1,4 @@
-"""Detection of learning that has broken down: numbers that are NaN or infinite, and where they come from."""
+"""Detection of diverged learning: numbers that are NaN or infinite, and their source."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -18,28 +18,28 @@ LOSSES = ("train/value_loss", "train/policy_loss", "train/loss", "imitation/valu
 
 
 def check_learned(trainer: Trainer, tags: Mapping[str, float], what: str, cure: str) -> None:
-    """Stop a run that has diverged: its next checkpoint could not be loaded, or it no longer learns anything.
+    """Stop a run that has diverged: its next checkpoint could not be loaded, or it no longer learns.
 
     Only then are observations searched for the cause, in this process's share of the newest rollout.
 
-    tags: What was measured in the update. what, cure: For the message: what was done and for how long, and what to
-    begin again with, unless observations are to blame. Raises TrainingError if weights or a loss are not finite.
+    tags: Measurements of the update. what, cure: For the message: what was done and for how long, and settings for a
+    new start, unless observations are the cause. Raises TrainingError if weights or a loss are not finite.
     """
     weights = (wrong_weight(policy.state_dict()) for policy in trainer.policies)
-    wrong = [f"{name} has numbers beyond {HEAVIEST}, or that are none" for name in weights if name]
+    wrong = [f"{name} has numbers that are NaN or beyond {HEAVIEST}" for name in weights if name]
     wrong += [f"{tag} is {tags[tag]}" for tag in LOSSES if not math.isfinite(tags.get(tag, 0.0))]
     if not wrong:
         return
     for name in strange_observations(trainer.lane):
         raise TrainingError(
-            f"observations have numbers that are none (NaN or infinity) or beyond {LARGEST:g}: {name}. A mechanic "
+            f"observations have numbers that are not finite, or beyond {LARGEST:g}: {name}. A mechanic "
             "computes them, as by 0 / 0 or the root of a negative number; outlast check looks for them"
         )
     raise TrainingError(f"{what} {wrong[0]}; begin again {cure}")
 
 
 def strange_observations(lane: Lane) -> Iterator[str]:
-    """Yield keys, with fields where known, of observations that no network can take; an agent's own come first."""
+    """Yield keys, with fields where known, of observations that networks cannot use; an agent's own come first."""
     layout, samples, now = lane.packer.layout, lane.samples, lane.env.observe()
     views = [layout.own_views(samples.own), layout.own_views(lane.packer.own(now))]
     last = {form: packer(now) for form, packer in lane.packers.items()}  # what gives the values after the last step
@@ -48,7 +48,7 @@ def strange_observations(lane: Lane) -> Iterator[str]:
             views.append(layout.views(seen.packed.numpy()))
         else:
             ends = np.cumsum([kind.features for kind in layout.kinds])
-            parts = np.split(seen.entities.numpy(), ends, 1)  # the last part says which kind each entity is of
+            parts = np.split(seen.entities.numpy(), ends, 1)  # the last part marks the kind of each entity
             views.append({kind.key: part for kind, part in zip(layout.kinds, parts, strict=False)})
     for each in views:
         for key, values in each.items():

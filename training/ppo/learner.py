@@ -25,18 +25,18 @@ Array = np.ndarray[Any, Any]
 Parts = Iterable[list[Tensor] | None]
 Shared = Callable[[Callable[[int], list[Tensor] | None], Iterable[int]], Parts]
 CPU = torch.device("cpu")
-SHARE = 2048  # samples of a minibatch that are computed at once; of fewer, calls cost more than sums
+SHARE = 2048  # samples of a minibatch that are computed at once; for fewer, calls cost more than sums
 KL_STOP = 1.5  # times target_kl, as in Stable-Baselines3
 OUR_LOSSES: tuple[Loss, ...] = ppo_loss, imitation_loss  # nothing in them waits for a GPU
 EPSILON = 1e-5  # of Adam, added to the root of the second moment, as in Stable-Baselines3
-NAMES = "step", "exp_avg", "exp_avg_sq"  # of what a parameter's moments consist of
-SUMS = 1e-3  # how far the loss of a minibatch may be from the sum of those of its shares, relative to these
+NAMES = "step", "exp_avg", "exp_avg_sq"  # entries of a parameter's moments
+SUMS = 1e-3  # tolerance between the loss of a minibatch and the sum of its shares' losses, relative to these
 
 
 class Adam:
     """Adam (Kingma and Ba, arXiv:1412.6980) with the usual rates of decay, by the functional form of torch.optim.
 
-    The class `torch.optim.Adam` imports PyTorch's compiler, of which nothing is used here: 800 modules, 80 MB, seconds.
+    The class `torch.optim.Adam` imports PyTorch's compiler, which is not used here: 800 modules, 80 MB, seconds.
 
     moments: Of each parameter, in order: steps taken, float32 without axes, and averages of gradients and of their
     squares, like the parameter.
@@ -73,7 +73,7 @@ class Adam:
         )
 
     def restore(self, moments: Sequence[Mapping[str, Tensor]]) -> None:
-        """Go on from copies of such moments, which may be on another device."""
+        """Restore copies of such moments, which may be on another device."""
         for own, given in zip(self.moments, moments, strict=True):
             for name, values in own.items():
                 values.copy_(given[name])
@@ -84,8 +84,8 @@ class Learner:
 
     Attributes:
         policy: The policy that plays and is saved, on the CPU.
-        trained: The policy that gradients are computed for: the same one or, on another device, a copy. `policy` is
-            copied to it when an update begins, and it is copied back when the update ends.
+        trained: The policy whose gradients are computed: the same one or, on another device, a copy. `policy` is copied
+            to it when an update begins, and it is copied back when the update ends.
         epochs: Epochs begun so far, in all updates.
         figures: Names of the figures that the loss returns; () before its first call.
     """
@@ -100,17 +100,17 @@ class Learner:
         device: torch.device = CPU,
         loss: Loss = ppo_loss,
     ) -> None:
-        """Make an optimiser for a policy, which is trained on a device by minimising a loss.
+        """Create a learner that trains a policy on a device by minimising a loss.
 
-        generator: Shuffles samples; on the CPU. number: Which samples are this learner's, see Rollout.learner.
-        crew: Processes that train together. All have equal policies and generators, and make the same minibatches; each
-        computes gradients of the samples that are its own.
+        generator: Shuffles samples; on the CPU. number: The learner's number, which marks its samples, see
+        Rollout.learner. crew: Processes that train together. All have equal policies and generators, and form the same
+        minibatches; each computes gradients of its own samples.
         """
         self.crew, self.loss, self.figures, self.agreed = crew or Crew(), loss, tuple[str, ...](), False
         self.policy, self.numbers, self.generator, self.number = policy, numbers, generator, number
         self.device, self.trained = device, policy if device.type == "cpu" else deepcopy(policy).to(device)
         self.parameters = list(self.trained.parameters())
-        # shares of a minibatch seldom have the same size, and a loss of a user's own may wait for the GPU
+        # shares of a minibatch seldom have the same size, and a user's loss may wait for the GPU
         graphed = device.type == "cuda" and self.crew.size == 1 and loss in OUR_LOSSES
         self.graphs = GraphedGradients(device) if graphed else None
         self.optimizer = Adam(self.parameters)
@@ -125,10 +125,10 @@ class Learner:
     ) -> dict[str, float]:
         """Train on a rollout.
 
-        left: Share of the run that is left, for a learning rate that is annealed. on_epoch: Called with the number of
+        left: Share of the run that remains, for a learning rate that is annealed. on_epoch: Called with the number of
         each epoch of this update as it begins. shared: Calls a function for each share of a minibatch, as `map` does,
-        maybe on several threads. Shares do not depend on the number of threads, so neither do the sums of their
-        gradients. Returns what is logged, by tag; nothing if fewer than two samples are this learner's.
+        maybe on several threads. Shares do not depend on the number of threads, so the sums of their gradients do not
+        either. Returns the values to log, by tag; empty if fewer than two samples are this learner's.
         """
         chosen = np.flatnonzero(rollout.learner == self.number)
         if len(chosen) < 2:
@@ -138,7 +138,7 @@ class Learner:
         kind, form = Chunks if self.policy.memory else Samples, self.policy.preset.form
         samples = kind(rollout, self.number, form, self.device)
         units, wanted = samples.units, max(1, round(len(chosen) / self.numbers.batch_size))
-        batches = max(1, min(wanted, len(units) // 2))  # one sample has no spread to normalise by
+        batches = max(1, min(wanted, len(units) // 2))  # a single sample has no spread for the normalisation
         found, steps, going = list[Tensor](), 0, True
         for epoch in range(1, self.numbers.n_epochs + 1):
             on_epoch(epoch)
@@ -146,7 +146,7 @@ class Learner:
             shuffled = units[torch.randperm(len(units), generator=self.generator, **INDEX)]
             for part in shuffled.tensor_split(batches):
                 found.append(self._differentiate(samples, part, shared))
-                limit = KL_STOP * self.numbers.target_kl  # if it is 0, there is no waiting for a GPU here
+                limit = KL_STOP * self.numbers.target_kl  # if it is 0, this does not wait for a GPU
                 going = not (limit and found[-1][ALWAYS.index("approx_kl")] > limit)
                 if not going:
                     break
@@ -171,14 +171,14 @@ class Learner:
                     kept.copy_(values)
 
     def _differentiate(self, samples: Samples, part: Tensor, shared: Shared = map) -> Tensor:
-        """Return the figures of the loss of the units `part`; its gradients are left in the parameters."""
+        """Return the figures of the loss of the units `part`; its gradients are stored in the parameters."""
         shares = max(1, len(part) * samples.LENGTH // (SHARE * self.crew.size)) if self.device.type == "cpu" else 1
-        calls = shared if shares > 1 else map  # one share needs no other thread, and a GPU's graphs stay in this one
+        calls = shared if shares > 1 else map  # one share does not need threads, and a GPU's graphs stay in this one
         parts = [each for each in calls(lambda share: self._share(samples, part, share, shares), range(shares)) if each]
         if not self.agreed:
             self._agree(samples, part)
         none = torch.zeros(len(self.figures), dtype=torch.float32, device=self.device)
-        found, *others = parts or [[none, *map(torch.zeros_like, self.parameters)]]  # if all samples are others'
+        found, *others = parts or [[none, *map(torch.zeros_like, self.parameters)]]  # if others have all samples
         for other in others:
             for total, more in zip(found, other, strict=True):
                 total += more
@@ -191,7 +191,7 @@ class Learner:
     def _share(self, samples: Samples, part: Tensor, share: int, shares: int) -> list[Tensor] | None:
         """Return the figures of the loss of a share of the units, and all gradients; None if it is empty."""
         batch = samples.select(part, share, shares)
-        if batch is None:  # all of its samples are other processes'
+        if batch is None:  # all of its samples belong to other processes
             return None
         if self.graphs is not None and isinstance(batch.seen, Rows):
             figures, gradients = self.graphs(self._gradients, batch)
@@ -205,12 +205,12 @@ class Learner:
         given = Batch(**vars(batch), network=self.trained, numbers=self.numbers, logs=logs, values=values)
         loss, figures = evaluated(self.loss, given)
         if self.figures not in ((), names := (*figures,)):
-            raise TrainingError(f"loss {name_of(self.loss)} returns other figures than before: {', '.join(names)}")
+            raise TrainingError(f"loss {name_of(self.loss)} returns different figures than before: {', '.join(names)}")
         self.figures = names
         return torch.stack([*figures.values()]), torch.autograd.grad(loss, self.parameters, materialize_grads=True)
 
     def _agree(self, samples: Samples, part: Tensor) -> None:
-        """Agree with all processes on the names of figures, and refuse a loss whose shares do not add up."""
+        """Agree with all processes on the names of figures, and check that the shares of a loss add up."""
         names = self.crew.gather_values(self.figures)
         self.figures, self.agreed = next((*own,) for own in names if own), True
         if self.loss in OUR_LOSSES:
@@ -221,7 +221,7 @@ class Learner:
             raise TrainingError(
                 f"loss {name_of(self.loss)} of a minibatch is {float(whole[0][0]):.4g}, and those of its halves are "
                 f"{' and '.join(f'{half:.4g}' for half in each)}: they must add up to it, so take batch.mean(x) in "
-                "place of x.mean() and x.sum(), multiply what is no mean by batch.weights.sum(), and draw no numbers"
+                "place of x.mean() and x.sum(), multiply other terms by batch.weights.sum(), and do not draw numbers"
             )
 
 
@@ -231,13 +231,13 @@ def _tensors(policy: Networks) -> Iterator[Tensor]:
 
 
 def explained_variance(rollout: Rollout, chosen: Array) -> float:
-    """Return the share of the variance of returns that values explain: 1 is all of it; NaN if returns do not vary.
+    """Return the share of the variance of returns that values explain: 1: all of it; NaN if returns do not vary.
 
-    Returns are sums of advantages and values, rounded to float32: a variation within that rounding counts as none.
+    Returns are sums of advantages and values, rounded to float32: variation within that rounding is ignored.
     """
     returns, values = rollout.returns.ravel()[chosen], rollout.values.ravel()[chosen]
     rounding = float(np.finfo(np.float32).eps * max(np.abs(returns).max(), np.abs(values).max()))
-    with np.errstate(over="ignore", invalid="ignore"):  # if losses are infinite, check_learned says so
+    with np.errstate(over="ignore", invalid="ignore"):  # check_learned reports infinite losses
         variance = returns.var()
         if variance <= rounding**2:
             return float("nan")

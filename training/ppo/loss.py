@@ -1,4 +1,4 @@
-"""The losses of PPO (Schulman et al., arXiv:1707.06347) and of imitation: functions of a batch. And advantages."""
+"""The losses of PPO (Schulman et al., arXiv:1707.06347) and of imitation: functions of a batch; and advantages."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -22,12 +22,12 @@ def advantages(rewards: Array, values: Array, ends: Array, last: Array, gamma: f
     """Return generalized advantage estimates (Schulman et al., arXiv:1506.02438), float32 (steps, agents).
 
     Args:
-        rewards: float32 (steps, agents); where an episode was cut off, they include the value of what would have come.
-        values: float32 (steps, agents), of what was observed before each step.
-        ends: bool (steps, agents), whether nothing of the agent's next step counts for this one.
-        last: float32 (agents,), values of what was observed after the last step.
+        rewards: float32 (steps, agents); at a truncation, they include the value of the next observation.
+        values: float32 (steps, agents), of the observation before each step.
+        ends: bool (steps, agents), whether the agent's next step does not count for this one.
+        last: float32 (agents,), values of the observations after the last step.
         gamma: Discount of a step.
-        gae_lambda: How far estimates look ahead: from 0 (one step) to 1 (to the end).
+        gae_lambda: Horizon of the estimates: from 0 (one step) to 1 (to the end).
     """
     found, later = np.empty_like(rewards), np.zeros_like(last)
     for t in reversed(range(len(rewards))):
@@ -41,7 +41,7 @@ def advantages(rewards: Array, values: Array, ends: Array, last: Array, gamma: f
 def ppo_loss(batch: Batch) -> tuple[Tensor, Figures]:
     """Return PPO's clipped loss of the policy, with the squared error of the values and the entropy."""
     numbers = batch.numbers
-    with torch.set_grad_enabled(numbers.ent_coef != 0):  # gradients that nothing needs cost time
+    with torch.set_grad_enabled(numbers.ent_coef != 0):  # unused gradients cost time
         entropy = batch.mean(batch.network.choices.entropy(batch.logs, batch.free))
     ratio, clip = batch.ratio, numbers.clip_range
     gains = torch.minimum(batch.advantages * ratio, batch.advantages * ratio.clamp(1 - clip, 1 + clip))
@@ -53,7 +53,7 @@ def ppo_loss(batch: Batch) -> tuple[Tensor, Figures]:
 
 
 def imitation_loss(batch: Batch) -> tuple[Tensor, Figures]:
-    """Return the cross-entropy of actions that are a teacher's, with the squared error of the values."""
+    """Return the cross-entropy of a teacher's actions, with the squared error of the values."""
     policy, value = -batch.mean(batch.log_probs), batch.mean((batch.returns - batch.values).square())
     with torch.no_grad():
         choices = batch.network.choices
@@ -66,19 +66,19 @@ def imitation_loss(batch: Batch) -> tuple[Tensor, Figures]:
 def evaluated(loss: Loss, batch: Batch) -> tuple[Tensor, dict[str, Tensor]]:
     """Return the loss of a batch, and the figures to log by name, those of ALWAYS first, all without axes.
 
-    Raises TrainingError: the loss returns something else.
+    Raises TrainingError: the loss returns another type.
     """
     found: Any = loss(batch)
     total, own = found if isinstance(found, tuple) and len(found) == 2 else (found, {})
     if not (isinstance(total, Tensor) and total.ndim == 0 and total.requires_grad):
         raise TrainingError(
-            f"loss {name_of(loss)} returns {found!r:.100}: a tensor without axes is needed, computed from the "
-            "networks' outputs, or that and a dict of figures to log"
+            f"loss {name_of(loss)} returns {found!r:.100}: it must return a tensor without axes, computed from the "
+            "networks' outputs, or this and a dict of figures to log"
         )
     if not isinstance(own, Mapping) or not all(isinstance(name, str) and name.isidentifier() for name in own):
-        raise TrainingError(f"loss {name_of(loss)} returns figures {own!r:.100}: a dict by names is needed")
+        raise TrainingError(f"loss {name_of(loss)} returns figures {own!r:.100}: they must be a dict by names")
     if taken := sorted(own.keys() & {*RESERVED}):
-        raise TrainingError(f"loss {name_of(loss)} returns a figure '{taken[0]}', which is logged anyway: rename it")
+        raise TrainingError(f"loss {name_of(loss)} returns a figure '{taken[0]}', which is always logged: rename it")
     with torch.no_grad():
         divergence = batch.mean(batch.ratio - 1 - batch.log_ratio)  # http://joschu.net/blog/kl-approx.html
         figures = {"loss": total, "approx_kl": divergence, **own}

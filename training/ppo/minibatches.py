@@ -16,7 +16,7 @@ from ..policies.rows import Observed, moved
 from ..policies.torch_settings import INDEX
 from .rollout import Rollout
 
-TINY = 1e-8  # is added to the spread of advantages, which may be 0
+TINY = 1e-8  # added to the spread of advantages, which may be 0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,14 +24,14 @@ class Minibatch:
     """Some samples: tensors (batch,), and `actions` (batch, actions).
 
     Attributes:
-        seen: What was observed: Rows, or PaddedRows with preset `original`.
+        seen: Observations: Rows, or PaddedRows with preset `original`.
         actions: int64.
         old_log_probs: float32, log-probabilities of the actions when they were chosen.
         old_values: float32, the critic's values then.
-        advantages: float32, normalised over the minibatch; as they were: returns - old_values.
-        returns: float32, what the values should become.
-        weights: float32, how much each sample counts: 0 if it is masked, else 1 / number of samples that are not.
-        free: bool (batch, actions), which actions were drawn, as they could change something; None: all were.
+        advantages: float32, normalised over the minibatch; before: returns - old_values.
+        returns: float32, targets of the values.
+        weights: float32, weight of each sample: 0 if it is masked, otherwise 1 / number of samples that are not.
+        free: bool (batch, actions), whether an action was drawn, since it could have an effect; None: all were.
         memory: float32 (agents, width), before the first step; None for policies without a memory.
         begins: bool (steps, agents), where episodes begin; None for policies without a memory.
     """
@@ -50,10 +50,10 @@ class Minibatch:
 
 @dataclass(frozen=True, kw_only=True)
 class Batch(Minibatch):
-    """Inputs of a loss: samples of a minibatch, and what the networks make of them now.
+    """Inputs of a loss: samples of a minibatch, and the present outputs of the networks.
 
-    A minibatch is computed in shares, on several threads or processes. The loss of a minibatch is the sum of those of
-    its shares, so it must be a sum over samples with `weights`: `batch.mean(x)`, and never `x.mean()`.
+    A minibatch is computed in shares, on several threads or processes. The loss of a minibatch is the sum of the losses
+    of its shares, so it must be a sum over samples with `weights`: `batch.mean(x)`, and never `x.mean()`.
 
     Attributes:
         network: The networks that are trained.
@@ -68,39 +68,38 @@ class Batch(Minibatch):
     values: Tensor
 
     def mean(self, values: Tensor) -> Tensor:
-        """Return this share's part of the mean of values (batch,) over the samples of the minibatch that count."""
+        """Return this share's part of the mean of values (batch,) over the counted samples of the minibatch."""
         return self.weights @ values
 
     @cached_property
     @torch.enable_grad()
     def log_probs(self) -> Tensor:
-        """float32 (batch,), log-probabilities of the joint actions, of what was drawn in them."""
+        """float32 (batch,), log-probabilities of the joint actions, as far as they were drawn."""
         return self.network.choices.of(self.actions, self.logs, self.free)
 
     @cached_property
     @torch.enable_grad()
     def log_ratio(self) -> Tensor:
-        """float32 (batch,), how much `log_probs` has grown since the samples were collected."""
+        """float32 (batch,), the increase of `log_probs` since the samples were collected."""
         return self.log_probs - self.old_log_probs
 
     @cached_property
     @torch.enable_grad()
     def ratio(self) -> Tensor:
-        """float32 (batch,), by which factor the joint actions have become more likely."""
+        """float32 (batch,), the factor by which the probability of the joint actions has grown."""
         return self.log_ratio.exp()
 
     @cached_property
     @torch.enable_grad()
     def entropy(self) -> Tensor:
-        """float32 (batch,), the entropy of the joint actions, of what is drawn in them."""
+        """float32 (batch,), the entropy of the joint actions, as far as they are drawn."""
         return self.network.choices.entropy(self.logs, self.free)
 
 
 class Samples:
     """A learner's samples of a rollout, on a device; on the CPU, these are views of the rollout's arrays.
 
-    units: int64, what is shuffled and shared out among minibatches: indices of samples, those of all processes. On the
-    CPU.
+    units: int64, indices of samples of all processes, which are shuffled and divided into minibatches. On the CPU.
     """
 
     LENGTH = 1  # samples of a unit
@@ -127,7 +126,7 @@ class Samples:
         return self._select(part, weights, share, shares)
 
     def _select(self, index: Tensor, weights: Tensor, share: int, shares: int) -> Minibatch | None:
-        """Return the same for the minibatch of some samples of all processes, with their weights, both on the CPU."""
+        """Return a share of the minibatch of some samples of all processes, with their weights, both on the CPU."""
         where, own = self.rollout.here(index)
         if shares > 1:
             some = torch.arange(len(own), **INDEX).view(self.LENGTH, -1).tensor_split(shares, 1)[share].flatten()
@@ -146,7 +145,7 @@ class Samples:
         return Minibatch(seen=self.seen.select(own), advantages=advantages, **found, **more)
 
     def _remembered(self, own: Tensor) -> tuple[Tensor | None, Tensor | None]:
-        """Return what policies remember before some samples of this process, and where their memory begins anew."""
+        """Return the memory before some samples of this process, and where it is reset."""
         return None, None
 
 
@@ -184,7 +183,7 @@ class Chunks(Samples):
 
 
 def normalised(advantages: Tensor, weights: Tensor) -> Tensor:
-    """Bring advantages (batch,) to mean 0 and spread 1 over the samples that count; weights: see Minibatch."""
+    """Bring advantages (batch,) to mean 0 and spread 1 over the counted samples; weights: see Minibatch."""
     count = 1 / weights.max()
     centred = advantages - weights @ advantages
     spread = (weights @ centred.square() * count / (count - 1)).sqrt()

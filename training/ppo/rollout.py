@@ -1,4 +1,4 @@
-"""A rollout: what the agents of all worlds observed, did and received in a number of steps."""
+"""A rollout: observations, actions and rewards of the agents of all worlds in a number of steps."""
 
 import math
 from collections.abc import Mapping
@@ -14,25 +14,25 @@ from ..policies.checkpoint import REST
 from ..policies.rows import Observed
 
 Array = np.ndarray[Any, Any]
-DEAREST = 1e30  # the largest reward or sum of rewards: float32 holds it, and float64 its square
+DEAREST = 1e30  # the largest reward or sum of rewards: float32 can hold it, and float64 its square
 
 
 @dataclass(frozen=True)
 class Rollout:
-    """Samples (steps, agents, ...) of the agents of this process or, where it says so, of the agents of all processes.
+    """Samples (steps, agents, ...) of the agents of this process or, where noted, of all processes.
 
     Attributes:
         seen: What was observed before each step, steps * agents, by the form in which networks take it.
         actions: int64 (steps, agents, actions).
         log_probs: float32, log-probabilities of the actions when they were chosen.
-        values: float32, the critic's values of what was observed; of all processes.
+        values: float32, the critic's values of the observations; of all processes.
         advantages: float32; of all processes.
-        learner: int16, which of the learners is trained on the sample, or NOBODY; of all processes.
+        learner: int16, the learner that is trained on the sample, or NOBODY; of all processes.
         alive: bool, whether the agent lived when it observed.
-        begins: bool, whether the agent's memory begins anew with the step.
+        begins: bool, whether the agent's memory is reset before the step.
         memory: float32 (chunks, agents, width), the agents' memory before each chunk of CHUNK steps.
-        idle: bool (steps, agents, actions), which actions could change nothing, and were not drawn; None: all were.
-        first: The index of this process's first agent among those of all processes.
+        idle: bool (steps, agents, actions), whether an action was not drawn, for lack of effect; None: all were.
+        first: Index of this process's first agent among those of all processes.
     """
 
     seen: Mapping[Form, Observed]
@@ -49,14 +49,14 @@ class Rollout:
 
     @property
     def returns(self) -> Array:
-        """float32, what the values should become."""
+        """float32, targets of the values."""
         return self.advantages + self.values
 
     def here(self, samples: torch.Tensor) -> tuple[torch.Tensor | None, torch.Tensor]:
-        """Find those that belong to this process, among some samples of all processes.
+        """Find the samples of this process among some samples of all processes.
 
-        samples: Indices of the samples, int64 (some,). Returns where in `samples` those of this process are, None if
-        all are; and their indices among its own samples.
+        samples: Indices of the samples, int64 (some,). Returns the positions in `samples` of this process's samples,
+        None if all are; and their indices among its own samples.
         """
         agents, own = self.learner.shape[1], self.actions.shape[1]
         if own == agents:
@@ -67,24 +67,24 @@ class Rollout:
 
 
 class RewardScale:
-    """The running standard deviation of discounted sums of rewards, which rewards are divided by.
+    """The running standard deviation of discounted sums of rewards, the divisor of rewards.
 
-    So values and advantages are of about the same size whatever a scenario pays. After enough rollouts it moves slowly:
-    all older rollouts count as much as MEMORY times the newest one, at most.
+    It makes the size of values and advantages about the same in all scenarios. After enough rollouts it moves slowly:
+    all older rollouts have at most MEMORY times the weight of the newest one.
     """
 
     MEMORY = 50.0
-    LEAST = 1e-8  # below it there is no spread to speak of, and rewards stay as they are
+    LEAST = 1e-8  # below it the spread is negligible, and rewards are not scaled
 
     def __init__(self, agents: int, gamma: float) -> None:
-        """Make room for a rollout. agents: How many there are in all worlds. gamma: Discount of a step."""
+        """Allocate memory for a rollout. agents: Number of agents in all worlds. gamma: Discount of a step."""
         self.gamma, self.sums = gamma, np.zeros(agents)
         self.count, self.mean, self.variance = 0.0, 0.0, 1.0
 
     def update(self, rewards: Array, ends: Array) -> float:
-        """Take in the rewards of a rollout, and return the standard deviation; 1 if that is below LEAST.
+        """Add the rewards of a rollout, and return the standard deviation; 1 if that is below LEAST.
 
-        rewards: float32 (steps, agents). ends: bool (steps, agents), whether the sum begins anew after the step.
+        rewards: float32 (steps, agents). ends: bool (steps, agents), whether the sum is reset after the step.
         """
         sums = np.empty(rewards.shape)
         for t, reward in enumerate(rewards):
@@ -99,21 +99,21 @@ class RewardScale:
         return spread if spread >= self.LEAST else 1.0
 
     def state(self) -> dict[str, torch.Tensor]:
-        """Return what a checkpoint keeps: float64 tensors by name."""
+        """Return the state for a checkpoint: float64 tensors by name."""
         numbers = {"sums": self.sums, "count": self.count, "mean": self.mean, "variance": self.variance}
         return {name: torch.tensor(value, dtype=torch.float64, device="cpu") for name, value in numbers.items()}
 
     def restore(self, given: Any) -> None:
-        """Go on from tensors like those of `state`. Raises TrainingError if a number is out of bounds."""
+        """Restore tensors like those of `state`. Raises TrainingError if a number is out of bounds."""
         self.sums = given["sums"].numpy().copy()
         self.count, self.mean, self.variance = (float(given[name]) for name in ("count", "mean", "variance"))
         if wrong := self.wrong(f" in {REST} of the checkpoint"):
             raise TrainingError(f"rewards {wrong}")
 
     def wrong(self, where: str = "") -> str:
-        """Name the number that is out of the bounds in which a run can go on, and these; "": none is.
+        """Name the number that is out of the bounds for a run, and the bounds; "" if none is.
 
-        where: What is said after the name of the number.
+        where: Text after the name of the number.
         """
         for name, value in self.state().items():
             low, high = (0.0, DEAREST**2) if name in ("count", "variance") else (-DEAREST, DEAREST)

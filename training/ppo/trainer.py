@@ -42,9 +42,9 @@ from .rollout import Rollout
 from .world_slice import Lane
 
 Array = np.ndarray[Any, Any]
-WORLD_THREADS = 4  # more do not pay for as few worlds as a rollout has
+WORLD_THREADS = 4  # more do not help with the few worlds of a rollout
 IMITATION = {"learning_rate": 2e-3, "anneal_lr": True, "batch_size": 1024, "n_epochs": 1, "target_kl": 0.0}
-IMITATION_FIGURES = "cross_entropy", "value_loss", "entropy", "differs"  # of imitation_loss, those that are logged
+IMITATION_FIGURES = "cross_entropy", "value_loss", "entropy", "differs"  # the figures of imitation_loss that are logged
 
 
 class Trainer:
@@ -53,21 +53,21 @@ class Trainer:
     Attributes:
         team: int (agents of a world,), the number of the learner that plays each agent.
         learners: One for all agents, or one for each side or agent.
-        opponents: The pool that they play against.
-        state: Numbers of the state of a world, if critics learn from it; 0: they do not.
-        state_scale: What these are divided by, float32 (state,).
-        curriculum: What levels are drawn from, if a function chooses them; else None.
+        opponents: The pool of opponents.
+        state: Numbers of the state of a world, if critics learn from it; otherwise 0.
+        state_scale: Divisors of these numbers, float32 (state,).
+        curriculum: The source of levels, if a function chooses them; otherwise None.
         steps: Agent-steps collected so far, by all processes.
-        played: The value of `steps` when the newest rollout began, from which its annealed numbers follow.
-        threads: Threads of this process; PyTorch itself runs on one, as its own threads slow networks this small down.
+        played: The value of `steps` when the newest rollout began, which determines its annealed numbers.
+        threads: Threads of this process; PyTorch itself runs on one, as its own threads slow down networks this small.
         crew: The processes that train together; `env` and `collector` have this one's share of the worlds.
     """
 
     def __init__(self, config: TrainingConfig, threads: int = 1, crew: Crew | None = None) -> None:
-        """Make worlds and networks. Raises ScenarioError or TrainingError if that is not possible.
+        """Create worlds and networks. Raises ScenarioError or TrainingError if that is impossible.
 
-        threads: How many share the worlds, up to WORLD_THREADS, and then the minibatches. crew: As many processes as
-        the config has; each makes a trainer of the same config, and calls the same methods in the same order.
+        threads: Number of threads that share the worlds, up to WORLD_THREADS, and then the minibatches. crew: As many
+        processes as the config has; each creates a trainer of the same config, and calls the same methods in order.
         """
         self.config, self.preset, self.device = config, preset(config.preset), _device(config.device)
         self.crew, self.threads, self.steps, self.played, self.updates = crew or Crew(), threads, 0, 0, 0
@@ -107,7 +107,7 @@ class Trainer:
             config.opponents, players, self.env, prioritised=config.prioritised, memory=config.memory
         )
         if not self.opponents.alone and self.env.worlds.dims["sides"] < 2:
-            raise TrainingError("opponents need a side of their own, and here is one side only: leave them out")
+            raise TrainingError("opponents need a side of their own, but this game has one side: leave them out")
         self.curriculum = config.levels and Curriculum(config.levels, self.env)
         packers, masked = packers_of(self.layout, self.presets), [each.masked for each in self.presets]
         options: dict[str, Any] = {"seed": config.seed, "dead": config.dead, "masked": masked}
@@ -125,12 +125,12 @@ class Trainer:
 
     @property
     def network_names(self) -> list[str]:
-        """Return the full name of each policy's networks, if they are a user's own; else ""."""
+        """Return the full name of each policy's networks, if they are the user's own; otherwise ""."""
         return [name_of(kind) if kind else "" for kind in self.networks]
 
     def collect(self) -> Rollout:
-        """Play on and keep the samples. Levels are asked for before the first rollout, and after each one."""
-        self.played = self.steps  # the agent-steps for which this rollout's numbers are set
+        """Continue to play and return the samples. Levels are chosen before the first rollout, and after each one."""
+        self.played = self.steps  # the agent-steps that determine this rollout's numbers
         self._set_numbers(self.steps)
         if self.curriculum is not None and not self.steps:
             self._ask(self.curriculum)
@@ -145,7 +145,7 @@ class Trainer:
         return rollout
 
     def _ask(self, curriculum: Curriculum) -> None:
-        """Let the function choose the levels of which episodes are drawn from now on."""
+        """Make the function choose the levels from which episodes are drawn from now on."""
         seeds = self.config.seed, self.steps
         own = int(np.random.SeedSequence(seeds).generate_state(1)[0])
         played, statistics = joined(self.lane.played, self.env)
@@ -192,8 +192,8 @@ class Trainer:
     ) -> dict[str, float]:
         """Train all learners on a rollout, and add them to the past selves every config.snapshots updates.
 
-        left: Share of the run that is left, for a learning rate that is annealed. on_epoch: Called with the number of
-        each epoch as it begins. Returns what is logged, by tag; with several learners, the mean of theirs.
+        left: Share of the run that remains, for a learning rate that is annealed. on_epoch: Called with the number of
+        each epoch as it begins. Returns the values to log, by tag; with several learners, the means over them.
         """
         with ThreadPoolExecutor(self.threads, initializer=torch.set_num_threads, initargs=(1,)) as pool:
             shared = pool.map if self.threads > 1 else map
@@ -205,14 +205,14 @@ class Trainer:
         return means({tag: (value, 1.0) for tag, value in tags.items()} for tags in logged)
 
     def report(self) -> dict[str, float]:
-        """Return what is logged about the newest rollout by tag: episodes, what agents did, who won against whom."""
+        """Return the values to log about the newest rollout by tag: episodes, behaviour, games against opponents."""
         numbers = {f"anneal/{each.name}": each.value(self.played, self.config.scenario) for each in self.config.anneal}
         return means(self._everyones(lambda lane: [lane.tallies()])) | self.opponents.report() | numbers
 
     def take_weights(self) -> None:
-        """Give the policies the weights of the checkpoint that the config names, if it names one.
+        """Load the weights of the checkpoint that the config names, if any, into the policies.
 
-        Raises TrainingError: there is no such checkpoint, or its networks differ.
+        Raises TrainingError: the checkpoint does not exist, or its networks differ.
         """
         name, imitated = self.config.teacher
         if imitated or not name:
@@ -231,24 +231,24 @@ class Trainer:
         fits = len(player.policies) in (1, count) or (its_sides and len(player.policies) > count)
         if found != here or not fits:  # of more policies, those of the first sides are taken
             found, here = f"{len(player.policies)} {found}", f"{len(self.learners)} {here}"
-            raise TrainingError(f"the policies in {name} are {found}, those to be trained {here}; {cure}")
+            raise TrainingError(f"the policies in {name} are {found}, but those to be trained {here}; {cure}")
         if not player.critic:
-            raise TrainingError(f"{name} has no critic, which a run needs to go on from weights; {cure}")
+            raise TrainingError(f"{name} has no critic, which a run needs to start from weights; {cure}")
         its = np.array(player.header.get("state_scale", []), np.float32)
         if len(its) != self.state:
-            raise TrainingError(f"{name} does not say how the state that its critic learned from was scaled; {cure}")
+            raise TrainingError(f"{name} has no record of how the state of its critic was scaled; {cure}")
         for k, policy in enumerate(self.policies):
             policy.take(player.policies[k % len(player.policies)], self.state_scale / its)
 
     def imitate(self, on_rollout: Callable[[int, dict[str, float]], None]) -> dict[str, float]:
-        """Let the policies learn to imitate the teacher, if the config names one, while they play as in the run.
+        """Train the policies to imitate the teacher, if the config names one, while they play as in the run.
 
-        So they learn what the teacher would do in the situations that they get into, which are not the teacher's own
-        (Ross, Gordon and Bagnell, arXiv:1011.0686). Their critics learn the returns of that play. Afterwards, only the
-        optimisers are as they were; learners and worlds have moved on. Games against opponents do not count.
+        They learn the teacher's actions in the situations that they get into themselves, not in the teacher's (Ross,
+        Gordon and Bagnell, arXiv:1011.0686). Their critics learn the returns of that play. Afterwards, only the
+        optimisers are reset; learners and worlds have moved on. Games against opponents do not count.
 
-        on_rollout: Called after each rollout with the agent-steps done so far, and what was measured, by tag. Returns
-        what was measured last, by tag; nothing without a teacher.
+        on_rollout: Called after each rollout with the agent-steps done so far, and measurements by tag. Returns the
+        last measurements, by tag; nothing without a teacher.
         """
         _, steps = self.config.teacher
         if not steps:
@@ -274,19 +274,19 @@ class Trainer:
             found = means({tag: (value, 1.0) for tag, value in own.items()} for own in logged)
             tags = {f"imitation/{name}": found[f"train/{name}"] for name in IMITATION_FIGURES if found}
             on_rollout(done + each, tags | self.report())
-        self.lane.teacher, self.lane.played = None, []  # as a resumed run would not know these episodes
+        self.lane.teacher, self.lane.played = None, []  # since a resumed run lacks these episodes
         return tags | {"imitation/agent_steps": float(done + each)}
 
     def _teacher(self) -> Plain:
-        """Return the policy that is imitated, as a function of what agents observe and of uniform numbers."""
+        """Return the teacher, as a function of agents' observations and of uniform numbers."""
         (name, _), env = self.config.teacher, self.env
         if self.teacher is None:
             return plain(name, env)
-        play = told(Player(name, self.config.seed), env)  # it plays all agents at once, as it may have a memory
+        play = told(Player(name, self.config.seed), env)  # it plays all agents at once, since it may have a memory
         return lambda seen, uniform: np.asarray(play(env.observe())).reshape(uniform.shape)
 
     def _set_numbers(self, done: int) -> None:
-        """Give annealed numbers their values after so many agent-steps."""
+        """Set annealed numbers to their values after `done` agent-steps."""
         if numbers := {each.name: each.value(done, self.config.scenario) for each in self.config.anneal}:
             self.env.set_numbers(**numbers)
 
@@ -304,7 +304,7 @@ class Trainer:
         return {name: self.crew.gather(np.ascontiguousarray(values)) for name, values in own.items()}
 
     def _everyones(self, get: Callable[[Lane], list[Any]]) -> list[Any]:
-        """Return what `get` finds in the lanes of all processes, in one list."""
+        """Return the results of `get` for the lanes of all processes, in one list."""
         return [each for part in self.crew.gather_values(get(self.lane)) for each in part]
 
     def _env(self, scenario: Scenario, worlds: range) -> SurvivalVectorEnv:
@@ -349,20 +349,20 @@ def teams(env: SurvivalVectorEnv, policies: str) -> tuple[Array, Sequence[str]]:
 
 
 def by_name(what: str, given: Mapping[str, Any], names: Sequence[str]) -> list[Any]:
-    """Return what each of these policies has of `given`: what is under its name, or else under "".
+    """Return the entry of `given` for each of these policies: the one under its name, or else under "".
 
-    Raises TrainingError, which calls it `what`, for a name of no policy.
+    Raises TrainingError, which names `what`, for an unknown name of a policy.
     """
     if unknown := [name for name in given if name and name not in names]:
-        raise TrainingError(f"{what}: there is no policy '{unknown[0]}' to train; {meant(unknown[0], names)}")
+        raise TrainingError(f"{what}: unknown policy '{unknown[0]}'; {meant(unknown[0], names)}")
     return [given.get(name, given[""]) for name in names]
 
 
 def _device(name: Any) -> torch.device:
-    """Return the device of that name. Raises TrainingError if there is none."""
+    """Return the device of that name. Raises TrainingError if it does not exist."""
     try:
         device = torch.device(name)
         torch.empty(0, dtype=torch.float32, device=device)
     except (RuntimeError, AssertionError) as error:
-        raise TrainingError(f"there is no {name} here; take cpu") from error
+        raise TrainingError(f"device {name} does not exist here; take cpu") from error
     return device

@@ -1,4 +1,4 @@
-"""A lane of a rollout: some of the worlds, who plays in them, and the resulting samples."""
+"""A lane of a rollout: some of the worlds, their players, and the resulting samples."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -31,7 +31,7 @@ from ..policies.torch_settings import FLOAT, playing
 from .curriculum import Curriculum, Ended, just_ended
 
 Array = np.ndarray[Any, Any]
-NOBODY = -1  # the learner of a sample on which nobody is trained
+NOBODY = -1  # the learner of a sample that is not used for training
 
 
 @dataclass
@@ -41,11 +41,11 @@ class CollectedSamples:
     Attributes:
         seen: What was observed, step after step, by the form in which networks take it.
         own: float32 (steps, agents, layout.own), numbers that belong to no entity, as observed.
-        values: float32, the critic's values of what was observed; 0 where the policy has them apart, see Collector.
+        values: float32, the critic's values of the observations; 0 if the policy computes them apart, see Collector.
         rewards: float32.
-        later: float32, the value of what would have come, where an episode was cut off after the step; else 0.
-        ends: bool, whether the agent's next step does not count for this one, as its episode ends.
-        last: float32 (agents,), values of what was observed at the end.
+        later: float32, the value of the next observation, where an episode was truncated after the step; otherwise 0.
+        ends: bool, whether the agent's next step does not count for this one, since its episode ends.
+        last: float32 (agents,), values of the observations at the end.
         games: For each game against an opponent that has ended: the step, the opponent, and the share of the other
             sides that the learners beat.
     """
@@ -75,18 +75,18 @@ class AgentGroup(NamedTuple):
 
 
 class Lane:
-    """Some of the worlds, and who plays in them.
+    """Some of the worlds, and their players.
 
-    `team` says which learner plays each agent. In worlds for which an opponent is drawn, learners play one side and the
+    `team` has the learner of each agent. In worlds for which an opponent is drawn, learners play one side and the
     opponent all others. Opponents are drawn when an episode begins, by (seed, world, episode).
 
     Attributes:
         opponent: int (worlds,), the index of the opponent in each world, see OpponentPool.
-        own: int (worlds,), the side that learners play where `opponent` is not 0.
-        teacher: If not None, learners play, but the actions that this policy chooses are kept, to be imitated.
+        own: int (worlds,), the side of the learners where `opponent` is not 0.
+        teacher: If not None, learners play, but the actions of this policy are stored, to be imitated.
         keys: uint64 (worlds, 3), seed, world and episode, by which levels and opponents are drawn. The worlds have the
             same keys, except where levels bring keys of their own.
-        played: The episodes that have ended since `open`, if there is a curriculum.
+        played: The episodes that have ended since `open`, with a curriculum.
     """
 
     def __init__(
@@ -102,7 +102,7 @@ class Lane:
         state: bool = False,
         curriculum: Curriculum | None = None,
     ) -> None:
-        """Make a lane, in worlds that have been reset, in which the present selves play everywhere.
+        """Create a lane, in worlds that have been reset, in which the present selves play everywhere.
 
         packers: Those of the learners' networks. team: int (agents of a world,). opponents: Who may play.
         dead: "keep": an agent's samples go on until its episode ends. "drop": they end with its death. masked: Of each
@@ -128,7 +128,7 @@ class Lane:
         self._draw(np.ones(env.num_worlds, bool))
 
     def open(self, steps: int, policies: Sequence[Networks]) -> None:
-        """Make room for the samples of `steps` steps, which the policies of the learners play as they are."""
+        """Allocate memory for the samples of `steps` steps, during which the learners' policies do not change."""
         self.played, shape, chunks = [], (steps, self.agents), -(-steps // CHUNK)
         memory, able = max(policy.memory for policy in policies), compiled_networks.able
         self.acting = {k: compiled_networks.Acting(policy) for k, policy in enumerate(policies) if able(policy)}
@@ -151,7 +151,7 @@ class Lane:
 
     @playing()
     def act(self, t: int, step: int, policies: Sequence[Networks]) -> Array:
-        """Choose the actions of a step, and keep what they were chosen from.
+        """Choose the actions of a step, and store their inputs.
 
         t: The number of the step in the rollout. step: The number of the step in the run. policies: The policies of the
         learners. Returns int64 (worlds, agents, actions).
@@ -208,7 +208,7 @@ class Lane:
         return found
 
     def take(self, t: int, result: Any, policies: Sequence[Networks]) -> None:
-        """Keep the result of a step, and begin the next episode in worlds whose episode has ended.
+        """Store the result of a step, and begin the next episode in worlds whose episode has ended.
 
         t: The number of the step in the rollout. policies: The policies of the learners.
         """
@@ -234,7 +234,7 @@ class Lane:
             self._begin(done)
 
     def restart(self) -> None:
-        """Restart the episodes that are going on, in levels that were chosen; levels without a key keep the world's."""
+        """Restart the running episodes, in the chosen levels; levels without a key keep the world's."""
         self._begin(np.ones(self.env.num_worlds, bool))
 
     def _begin(self, where: Array) -> None:
@@ -245,12 +245,12 @@ class Lane:
         self._draw(where)
 
     def close(self, policies: Sequence[Networks]) -> CollectedSamples:
-        """Return the samples, completed by the values of what is observed now."""
+        """Return the samples, completed by the values of the present observations."""
         self.samples.last[:] = self._values(policies)
         return self.samples
 
     def tallies(self) -> Tallies:
-        """Return what was measured in the rollout that was closed last, by tag."""
+        """Return the measurements of the last closed rollout, by tag."""
         layout, shape = self.packer.layout, (-1, self.env.num_worlds, self.env.num_agents)
         own = self.samples.own.reshape(*shape, layout.own)
         actions = self.samples.actions.reshape(*own.shape[:3], self.samples.actions.shape[2])
@@ -264,7 +264,7 @@ class Lane:
         return slice(self.env.first_world, self.env.first_world + self.env.num_worlds)
 
     def state(self) -> dict[str, Array]:
-        """Return who plays, and what they remember, by name, (worlds, ...), without the worlds themselves."""
+        """Return the players and their memories by name, (worlds, ...), without the worlds themselves."""
         each = self.env.num_worlds, self.env.num_agents
         memory, begins = self.memory.numpy().reshape(*each, -1), self.begins.astype(np.uint8).reshape(each)
         who = {"opponent": self.opponent, "own": self.own, "life": self.standings.life}
@@ -272,10 +272,10 @@ class Lane:
         return found if self.curriculum is None else found | {"episodes": self.keys[:, 2].astype(np.int64)}
 
     def restore(self, given: dict[str, Array]) -> None:
-        """Go on from what `state` returned. Raises TrainingError if it names players that do not exist."""
+        """Restore the result of `state`. Raises TrainingError if it names players that do not exist."""
         opponent, own, life = (given[name].copy() for name in ("opponent", "own", "life"))
         if not (np.isin(opponent, list(self.pool.all)).all() and ((own >= 0) & (own < life.shape[1])).all()):
-            raise TrainingError(f"lane in {REST} of the checkpoint names players that there are not")
+            raise TrainingError(f"lane in {REST} of the checkpoint names players that do not exist")
         self.opponent, self.own, self.standings.life = opponent, own, life
         self.keys[:, 2] = key_of(self.env.worlds)[2] if self.curriculum is None else given["episodes"]
         self.memory = torch.from_numpy(given["memory"].reshape(self.agents, -1)).clone()
@@ -284,14 +284,14 @@ class Lane:
         self.assign()
 
     def _remembered(self, policy: Networks, group: AgentGroup) -> tuple[Tensor | None, Tensor | None]:
-        """Return what some agents remember, and where their memory begins anew, as their policy takes both."""
+        """Return the memory of some agents, and where it is reset, for their policy."""
         if not policy.memory:
             return None, None
         return self.memory[group.where, : policy.memory], torch.from_numpy(self.begins[group.where])
 
     @playing()
     def _values(self, policies: Sequence[Networks]) -> Tensor:
-        """Return the learners' values of the worlds now, float32 (agents,); 0 for agents of opponents."""
+        """Return the learners' values of the present observations, float32 (agents,); 0 for agents of opponents."""
         seen, values = self.observe(), torch.zeros(self.agents, **FLOAT)
         for (index, number), group in self.groups.items():
             if not index:
@@ -324,9 +324,9 @@ class Lane:
         return {key: values.reshape(self.agents, *values.shape[2:])[some] for key, values in views.items()}
 
     def _record(self, t: int, done: Array) -> None:
-        """Note who won, for worlds that are done and have an opponent and more than one side.
+        """Record the winners, for worlds that are done and have an opponent and more than one side.
 
-        The pool is told after the rollout: until then, draws must not depend on which worlds this process has.
+        The pool gets them after the rollout: until then, draws must not depend on the worlds of this process.
         """
         sides = self._sides.max(1) + 1
         worlds = np.flatnonzero(done & (self.opponent > 0) & (sides > 1))
@@ -334,7 +334,7 @@ class Lane:
         self.samples.games += [(t, *game) for game in zip(self.opponent[worlds].tolist(), won.tolist(), strict=True)]
 
     def _draw(self, where: Array) -> None:
-        """Draw who plays in the worlds `where`, bool (worlds,), in which episodes begin."""
+        """Draw the players of the worlds `where`, bool (worlds,), in which episodes begin."""
         self.standings.begin(where)
         self.begins[np.repeat(where, self.env.num_agents)] = True
         self._sides[where] = side(self.env.worlds, where)
