@@ -30,7 +30,7 @@ def run(folder: Path, name: str = "ffa_2", text: str = LINES, **plan: Any) -> li
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [
-        ({"name": "ffa_2+../../../evil"}, "is no run of the paper's"),
+        ({"name": "ffa_2+../../../evil"}, "is not a run of the paper's games"),
         ({"seed": "../evil"}, "its plan is invalid"),
         ({"seed": 1.5}, "its plan is invalid"),
         ({"dead": "$\\frac"}, "its plan cannot be"),

@@ -54,8 +54,8 @@ def test_a_part_a_game_and_seeds_are_chosen(capsys: pytest.CaptureFixture[str]) 
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["orginal"], "there is no part 'orginal'; known: original, text, mended"),
-        (["original", "--only", "ffa_2+bounty"], r"--only ffa_2\+bounty: there is no such game among ffa_1, ffa_2"),
+        (["orginal"], "unknown part 'orginal'; known: original, text, mended"),
+        (["original", "--only", "ffa_2+bounty"], r"--only ffa_2\+bounty: unknown game; known: ffa_1, ffa_2"),
     ],
 )
 def test_what_is_not_there_is_refused(words: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -86,7 +86,7 @@ def test_the_plan_ends_when_its_last_run_does(
     assert [line.split()[2] for line in lines] == ["ffa_2", "ffa_3", "ffa_4"]
     assert lines[-1].endswith("# 1.5 h left")
     assert outlast_paper("original", "--only", "ffa_1", *words[6:]) == 0
-    assert capsys.readouterr().out == "1 of 1 runs are finished: figures and tables are made anew\n"
+    assert capsys.readouterr().out == "1 of 1 runs are finished: figures and tables are written again\n"
 
 
 @pytest.mark.parametrize(
@@ -164,7 +164,7 @@ def test_what_emerges_counts_both_roles(tmp_path: Path) -> None:
     assert [float(found[0][name]) for name in ("wins against scripted", "against itself at half time")] == [0.75, 0.25]
     assert [float(found[0][name]) for name in ("kills", "damage", "m to a mate")] == [1 + 0.5, 2 * 30 + 2 * 10, 5]
     assert found[1]["m to a mate"] == "–"
-    with pytest.raises(TrainingError, match="last has not played against scripted"):
+    with pytest.raises(TrainingError, match="games of last against scripted are missing"):
         mended.table({"teams": [[row for row in again["teams"] if row["against"] != "scripted"]]})
 
 
@@ -172,7 +172,7 @@ def test_what_emerges_counts_both_roles(tmp_path: Path) -> None:
 def test_what_is_not_measured_is_refused(tmp_path: Path, content: bytes) -> None:
     assert mended.read_measured(tmp_path / mended.FILE) == {}
     (tmp_path / mended.FILE).write_bytes(content)
-    with pytest.raises(TrainingError, match=f"{mended.FILE} does not hold what was measured of runs"):
+    with pytest.raises(TrainingError, match=f"{mended.FILE} does not hold measurements of runs"):
         mended.read_measured(tmp_path / mended.FILE)
 
 
@@ -211,7 +211,7 @@ def test_tables_are_of_all_games_that_are_there(
         assert games[1].rpartition("-")[0] not in (study / table).read_text()
         (study / mended.FILE).unlink()  # nor is one that is asked for, if only its curves are there
         assert outlast_paper(part, "--only", "ffa_2", "--seeds", 1, "--out", tmp_path) == 2
-        assert f"has nothing on {runs[0]}" in capsys.readouterr().err
+        assert f"does not have {runs[0]}" in capsys.readouterr().err
 
 
 @pytest.mark.nightly

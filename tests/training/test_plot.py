@@ -526,7 +526,8 @@ def test_games_that_differ_by_more_than_numbers_are_not_one_group(tmp_path: Path
         run(tmp_path / name, game)  # of one seed, which two runs of a group cannot have
         run(tmp_path / f"{name}1", game, seed=1)
         with pytest.raises(
-            TrainingError, match=f"{name} is no run of the paper's: its game has .*; `outlast plot` compares it"
+            TrainingError,
+            match=f"{name} is not a run of the paper's games: its game has .*; `outlast plot` compares it",
         ):
             load_runs([tmp_path / name])
     found = {group.label: [each.origin.name for each in group.runs] for group in groups(tmp_path)}

@@ -13,11 +13,11 @@ from . import compare, long_run, phases, reproduce, tool_use
 def parser() -> Parser:
     """Return the grammar of this program."""
     commands = (reproduce, compare, tool_use, phases, long_run)
-    return program(f"python -m {__package__}", "What repeats and continues papers, of docs/paper.md.", commands)
+    return program(f"python -m {__package__}", "Repeat and continue the papers of docs/paper.md.", commands)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run a command; returns the exit status."""
+    """Run a command. Return the exit status."""
     return run(arguments, parser)
 
 

@@ -1,8 +1,8 @@
-"""The paper's claims, sections 4 and 5, as measurements of curves: of its own, and of ours.
+"""The paper's claims, sections 4 and 5, as measurements of its own curves, and of ours.
 
-A claim is a sentence of the paper, a number that says whether it is so, and the range in which that number has to be.
-Where the paper says "close to 0" or "significantly", the range is ours; it holds for the paper's own curves, which a
-test checks. What the paper saw by looking at policies has no curve of its own: there, ours are measured alone.
+A claim is a sentence of the paper, a number that measures it, and the range in which that number must be. Where the
+paper has "close to 0" or "significantly", the range is ours; it holds for the paper's own curves, which a test checks.
+What the paper observed in policies has no curve of its own: there, only our runs are measured.
 """
 
 import csv
@@ -18,20 +18,20 @@ from ..base.curves import BOXES, HEALS, KILLS, LENGTH, QUANTITIES, RETURN, Array
 from ..base.tables import markdown_table, number, spread
 from .results import PaperGroup, behaviour, published_curves
 
-TABLE = "claims.csv"  # a claim of "all" of some variants, or of "each" of them, in a row; with the name of its measure
+TABLE = "claims.csv"  # a row for each claim about "all" or "each" of some variants, with its measure
 FFA, TEAMS = tuple(f"ffa_{k}" for k in range(1, 5)), tuple(f"teams_{k}" for k in range(1, 5))
 HEADS = ("claim", "of", "measured", "asked", "the paper", "outlast", "95 %", "holds")
 SUMMED = (KILLS,)  # over sides; other quantities are averaged
 MILLION = 1e6
-Measure = Callable[..., float]  # of a run of each variant that a claim is about; NaN if a run does not say
+Measure = Callable[..., float]  # of a run of each variant of a claim; NaN if a run lacks the data
 
 
 @dataclass(frozen=True)
 class Claim:
     """A claim.
 
-    variants: The games that it is about. measure: Called with a run of each of these variants. low: The least number
-    with which the claim holds.
+    variants: The games of the claim. measure: Called with a run of each of these variants. low: The least number for
+    which the claim holds.
     """
 
     text: str
@@ -43,7 +43,7 @@ class Claim:
 
     @property
     def asked(self) -> str:
-        """The range, in words."""
+        """The required range, in words."""
         if np.isinf(self.high):
             return f"≥ {number(self.low)}"
         return f"≤ {number(self.high)}" if np.isinf(self.low) else f"{number(self.low)} to {number(self.high)}"
@@ -55,7 +55,7 @@ class Claim:
 
 @dataclass(frozen=True)
 class ClaimResult:
-    """A claim with its number in the paper's curves, NaN if they do not say, and in the runs of each of our seeds."""
+    """A claim with its number in the paper's curves, NaN if they lack it, and in the runs of each of our seeds."""
 
     claim: Claim
     paper: float
@@ -68,7 +68,7 @@ class ClaimResult:
 
     @property
     def holds(self) -> bool:
-        """Return whether it holds for the mean over seeds."""
+        """Return whether the claim holds for the mean over seeds."""
         return self.claim.holds(self.mean)
 
     @property
@@ -83,9 +83,9 @@ class ClaimResult:
 
 
 def findings(groups: Sequence[PaperGroup]) -> Iterator[ClaimResult]:
-    """Yield a finding for every claim for whose variants there are runs of one seed as long as the paper's.
+    """Yield a finding for every claim whose variants have runs of one seed as long as the paper's.
 
-    groups: Runs with one preset; those of games with ablations say nothing about the paper's.
+    groups: Runs with one preset; games with ablations are left out, since the paper has none.
     """
     by_seed: dict[int, dict[str, Curves]] = {}
     for group in groups:
@@ -136,17 +136,17 @@ def peak(run: Curves, quantity: Quantity) -> float:
 
 
 def peak_at(run: Curves, quantity: Quantity) -> float:
-    """Return where the maximum of the moving average is, in millions of agent-steps."""
+    """Return the position of the maximum of the moving average, in millions of agent-steps."""
     return float(run.steps[np.nanargmax(smooth(curve(run, quantity)))]) / MILLION
 
 
 def left(run: Curves, quantity: Quantity) -> float:
-    """Return what is left of the peak at the end, as a share."""
+    """Return the end value as a share of the peak."""
     return over(end(run, quantity), peak(run, quantity))
 
 
 def at(run: Curves, quantity: Quantity, millions: float) -> float:
-    """Return the moving average after so many millions of agent-steps."""
+    """Return the moving average at a number of millions of agent-steps."""
     averages = smooth(curve(run, quantity))
     return float(averages[min(int(np.searchsorted(run.steps, millions * MILLION)), len(averages) - 1)])
 

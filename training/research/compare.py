@@ -31,7 +31,7 @@ def add(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Draw; the exit status. Nothing is written if anything is wrong with the runs."""
+    """Draw. Return the exit status. Writes nothing if a run is invalid."""
     runs = load_runs(options.runs)
     groups = group_runs(runs)
     contents = files_to_keep(runs, Path(options.keep)) if options.keep else {}

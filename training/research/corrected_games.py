@@ -22,10 +22,10 @@ from ..base.files import packed, read_bytes, read_text, unpacked
 from ..base.tables import NONE, csv_text, markdown_table, with_spread
 
 EPISODES = 640  # of each pairing
-FOLDER = "measured"  # the folder of a run with what was measured of it
-FILE = "measured.csv.xz"  # that of all runs which are kept
+FOLDER = "measured"  # the folder of measurements in the folder of a run
+FILE = "measured.csv.xz"  # the file of measurements of all kept runs
 LAST, HALF, SCRIPTED = "last", "half", "scripted"
-MATES = "mate_distance"  # 0 where nobody has a mate
+MATES = "mate_distance"  # 0 for agents without a mate
 BY_SIDES, BY_AGENTS = 2, 0  # factors from the mean of both roles to a sum over all agents: 2; the number of agents
 SELF_PLAY = {
     "length": ("ticks", 1),
@@ -38,7 +38,7 @@ SELF_PLAY = {
     "boxes_between": ("boxes between", BY_AGENTS),
     MATES: ("m to a mate", 1),
     "enemy_distance": ("m to an enemy", 1),
-}  # of an episode in which a policy plays itself, by figure: what it is called, and how it is summed
+}  # of an episode of a policy against itself, by figure: its title, and its factor
 HEADS = (
     "game",
     "seeds",
@@ -46,24 +46,24 @@ HEADS = (
     "against itself at half time",
     *(name for name, _ in SELF_PLAY.values()),
 )
-FIGURES = ("wins", *SELF_PLAY)  # those that are kept
+FIGURES = ("wins", *SELF_PLAY)  # the figures that are kept
 COLUMNS = ("agents", "policy", "against", "role", *(f"{name} {of}" for name in FIGURES for of in ("mean", "error")))
 Row = dict[str, str]  # the cells of COLUMNS: the figures of a policy in a role against another one
 Measured = dict[str, list[Row]]  # by the names of runs
 
 
 def measure(game: Scenario, run: Path, progress: Callable[[int], None] = lambda episodes: None) -> None:
-    """Let the policy of a run play, and write the tables of that into its folder, unless they are there.
+    """Play the games of a run's policy, and write their tables into its folder unless they exist.
 
-    game: What it was trained in. run: The folder of the run; its past is the checkpoint after half of its steps.
-    progress: Called with how many more episodes have ended. Raises TrainingError: the run has a single checkpoint.
+    game: The game of its training. run: The folder of the run; its past is the checkpoint after half of its steps.
+    progress: Called with the number of episodes that ended. Raises TrainingError: the run has a single checkpoint.
     """
     saved = checkpoints(run)
     if len(saved) < 2:
         raise TrainingError(f"{run} has {len(saved)} checkpoints: its policy has no past to play against; train on")
     chosen = contenders({LAST: saved[-1], HALF: saved[(len(saved) - 1) // 2], SCRIPTED: SCRIPTED})
     for contender in chosen[:2]:
-        contender.text = "/".join(Path(contender.text).parts[-2:])  # results are kept without the place of the runs
+        contender.text = "/".join(Path(contender.text).parts[-2:])  # results are kept without the location of the runs
     out = run / FOLDER
     if is_measured(run):
         found = _read(out)
@@ -81,7 +81,7 @@ def is_measured(run: Path) -> bool:
 
 
 def rows(run: Path) -> list[Row]:
-    """Return what is kept of the tables of `measure` in the folder of a run. Raises TrainingError."""
+    """Return the kept part of the tables of `measure` in the folder of a run. Raises TrainingError."""
     found = _read(run / FOLDER)
     agents, kept = found["scenario"]["numbers"]["agents_count"], list[Row]()
     for pairing in found["pairings"]:
@@ -96,13 +96,13 @@ def rows(run: Path) -> list[Row]:
 
 
 def format_measured(measured: Measured) -> bytes:
-    """Write the rows of runs as one CSV file, compressed."""
+    """Return the rows of runs as one compressed CSV file."""
     rows = ((run, *(row.get(name, "") for name in COLUMNS)) for run, own in measured.items() for row in own)
     return packed(csv_text(("run", *COLUMNS), rows))
 
 
 def read_measured(path: Path) -> Measured:
-    """Read what `format_measured` has written; nothing if there is no such file. Raises TrainingError."""
+    """Read a file of `format_measured`; empty if it does not exist. Raises TrainingError."""
     found = Measured()
     if not path.exists():
         return found
@@ -110,16 +110,16 @@ def read_measured(path: Path) -> Measured:
     try:
         table = csv.DictReader(io.StringIO(unpacked(content)), strict=True)
         if table.fieldnames != ["run", *COLUMNS]:
-            raise ValueError("its columns are others")
+            raise ValueError("its columns differ")
         for row in table:
             found.setdefault(row.pop("run"), []).append(row)
     except (ValueError, csv.Error) as error:
-        raise TrainingError(f"{path} does not hold what was measured of runs: {error}") from None
+        raise TrainingError(f"{path} does not hold measurements of runs: {error}") from None
     return found
 
 
 def table(measured: Mapping[str, Sequence[Sequence[Row]]]) -> str:
-    """Return what was measured, in Markdown: means over seeds, with 95 % intervals where there are several.
+    """Return the measurements in Markdown: means over seeds, with 95 % intervals for several seeds.
 
     Where a policy plays itself, both of its roles count. Seeds that have not played the scripted policy do not count
     in the games won against it.
@@ -154,7 +154,7 @@ def _against(rows: Sequence[Row], other: str) -> list[Row]:
     """Return the rows of the last policy against another one, or against itself: one for each of its roles there."""
     found = [row for row in rows if (row["policy"], row["against"]) == (LAST, other)]
     if not found:
-        raise TrainingError(f"{LAST} has not played against {other}")
+        raise TrainingError(f"games of {LAST} against {other} are missing")
     return found
 
 
@@ -163,4 +163,4 @@ def _read(folder: Path) -> dict[str, Any]:
         found: dict[str, Any] = json.loads(read_text(folder / TABLES))
         return found
     except strict_json.BROKEN as error:
-        raise TrainingError(f"{folder / TABLES} is no evaluation: {error}") from error
+        raise TrainingError(f"{folder / TABLES} is not an evaluation: {error}") from error

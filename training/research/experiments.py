@@ -1,4 +1,4 @@
-"""Runs of `reproduce`: the paper's eight experiments, its method as the text has it, and its corrected games."""
+"""Runs of `reproduce`: the paper's eight experiments, its method as the text describes it, and corrected games."""
 
 import ast
 import csv
@@ -25,21 +25,21 @@ from .results import PAPER_STEPS
 
 PARTS = {
     "original": "the eight variants, with the authors' networks and numbers",
-    "text": "the same as the paper's text says (presets paper and scaled)",
+    "text": "the same by the method of the paper's text (presets paper and scaled)",
     "mended": "games without the paper's flaws, against a pool of opponents",
 }
-SECONDS = "seconds.csv"  # how long runs took; one such file is beside this module
+SECONDS = "seconds.csv"  # times of runs; one such file is beside this module
 GUESS = 20_000  # agent-steps a second of runs whose preset was never timed
-SAME_NETWORKS = {"paper": "original", "scaled": "original"}  # presets that take about as long as another one
-FEW_WORLDS = ("--worlds", "4")  # with many, what the paper saw does not come out (docs/paper.md)
-MANY_WORLDS = ("ffa_2", "ffa_3")  # except in these: with 64, they end where the paper does; ffa_1 and ffa_4 do not
+SAME_NETWORKS = {"paper": "original", "scaled": "original"}  # presets with about the same time as another one
+FEW_WORLDS = ("--worlds", "4")  # with many, the paper's observations do not recur (docs/paper.md)
+MANY_WORLDS = ("ffa_2", "ffa_3")  # exceptions: with 64, these end as in the paper; ffa_1 and ffa_4 do not
 MENDED_STEPS = 50_000_000
-KEPT_AS = "pool"  # what policies of mended games are called, as those of the preset alone are others
+KEPT_AS = "pool"  # name of the policies of corrected games, which differ from those of the preset alone
 POOL = ("--opponents", "self:0.5,past:0.3,scripted:0.2", "--with", "Behaviour", "--every", "5000000")
 SINGLE = {
     "ffa_2": ("health_cap", "bounty", "rivalry", "steering"),
     "teams_2": ("health_cap", "team_share", "bounty", "rivalry", "steering"),
-}  # games in which each flaw is mended by itself
+}  # games in which each flaw is corrected alone
 TOGETHER = {
     "ffa_2": ("health_cap+bounty+steering", "health_cap+rivalry+steering"),
     "ffa_3": ("health_cap+bounty+steering", "health_cap+rivalry+steering"),
@@ -47,11 +47,11 @@ TOGETHER = {
     "teams_3": ("health_cap+team_share+bounty+steering", "health_cap+team_share+rivalry+steering"),
 }
 TO_HEAL_MATES = (
-    ("teams_2", ("melee_damage=2",)),  # with the paper's 5, agents die before a mate comes
-    ("teams_2", ("give_last_reach=10",)),  # within the paper's 2 metres, there seldom is a mate
+    ("teams_2", ("melee_damage=2",)),  # with the paper's 5, agents die before a mate arrives
+    ("teams_2", ("give_last_reach=10",)),  # mates are seldom within the paper's 2 metres
     ("teams_2", ("give_last_reach=10", "melee_damage=2")),
     ("teams_3", ("give_last_reach=10",)),
-)  # games, with their first combination of TOGETHER, in which it is easier to heal each other
+)  # games, with their first combination of TOGETHER, which make it easier to heal each other
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Experiment:
         game: The name of a variant, with ablations.
         preset: The preset of networks and numbers.
         options: Further options of `outlast train`, without the seed.
-        numbers: Numbers of the game that are changed: "melee_damage=2".
+        numbers: Numbers of the game with other values: "melee_damage=2".
     """
 
     part: str
@@ -73,12 +73,12 @@ class Experiment:
 
     @property
     def name(self) -> str:
-        """The game with the numbers that are changed, which tells it from others."""
+        """The game with its changed numbers, which distinguish it."""
         return "+".join((self.game, *self.numbers))
 
     @property
     def scenario(self) -> Scenario:
-        """Return what is played."""
+        """Return the game."""
         pairs = (pair.partition("=") for pair in self.numbers)
         return resolve(self.game, {number: ast.literal_eval(value) for number, _, value in pairs})
 
@@ -89,7 +89,7 @@ class Experiment:
 
     @property
     def seeds(self) -> int:
-        """Return how many runs there are, unless another number is asked for."""
+        """Return the default number of runs."""
         return 2 if self.part == "mended" else 3
 
     def words(self, seed: int) -> list[str]:
@@ -103,7 +103,7 @@ class Experiment:
         return out / "runs" / self.part / f"{self.name}-{self.preset}-{seed}"
 
     def policy(self, out: Path, run: Path) -> Path:
-        """Return the policy of a run in `results`: its newest checkpoint, or what is kept of that."""
+        """Return the policy of a run in `results`: its newest checkpoint, or its kept policy."""
         return newest(run) if run.is_dir() else self.kept_policy(out, run)
 
     def kept_policy(self, out: Path, run: Path) -> Path:
@@ -114,13 +114,13 @@ class Experiment:
 
     @property
     def film(self) -> str:
-        """The file of its film; mended games have one preset."""
+        """The file of its film; corrected games have one preset."""
         return f"{self.name}.webm" if self.part == "mended" else f"{self.name}-{self.preset}.webm"
 
     def results(self, out: Path) -> list[Path]:
-        """Return its complete runs by seed: their folders, or what is kept of them in the folder of the part.
+        """Return its complete runs by seed: their folders, or kept results in the folder of the part.
 
-        A run that is kept, with its policy, does not need its folder any more. Where both are there, the folder counts.
+        A kept run with its policy does not need its folder any more. If both exist, the folder counts.
         """
         name = f"{self.name}-{self.preset}-"
         steps = {out / self.part / run: done for run, done in self._kept(out).items()}
@@ -130,7 +130,7 @@ class Experiment:
         return [by_seed[seed] for seed in sorted(filter(str.isdecimal, by_seed), key=int)]
 
     def steps_done(self, out: Path, seed: int) -> int:
-        """Return agent-steps of a run, by its log or by what is kept."""
+        """Return agent-steps of a run, by its log or by kept results."""
         folder = self.folder(out, seed)
         return max(last_step(folder / LOG), self._kept(out).get(folder.name, 0))
 
@@ -170,9 +170,9 @@ def _mended() -> Iterator[Experiment]:
 
 
 def expected_seconds(chosen: Sequence[Experiment]) -> tuple[list[float], list[bool]]:
-    """Return how long a run of each takes on one core of the machine that SECONDS is from, and whether it was timed.
+    """Return the seconds of a run of each on one core of the machine of SECONDS, and whether it was timed.
 
-    If it was not, its time is guessed to be the mean over its preset, or over one with the same networks.
+    If it was not, the time is estimated by the mean over its preset, or over one with the same networks.
     """
     known = _read_seconds(files(__package__).joinpath(SECONDS).read_text(encoding="utf-8"))
     alike = {preset: mean(s for key, s in known.items() if key[2] == preset) for *_, preset in known}
@@ -182,10 +182,10 @@ def expected_seconds(chosen: Sequence[Experiment]) -> tuple[list[float], list[bo
 
 
 def seconds_table(chosen: Iterable[Experiment], out: Path, before: str = "") -> str:
-    """Return the content of SECONDS: for each experiment, the mean over its complete runs whose folders are there.
+    """Return the content of SECONDS: for each experiment, the mean over its complete runs whose folders exist.
 
-    out: The output folder of the command. before: The table as it was: what it says of experiments without such a
-    folder stays.
+    out: The output folder of the command. before: The previous table: its rows of experiments without such a folder
+    are kept.
     """
     rows, known = list[tuple[object, ...]](), _read_seconds(before)
     for each in chosen:
@@ -201,7 +201,7 @@ def _read_seconds(text: str) -> dict[tuple[str, str, str], float]:
 
 
 def _seconds(folder: Path) -> float:
-    """Return how long a run has taken, by its log; 0 if there is none."""
+    """Return the seconds of a run by its log; 0 without a log."""
     try:
         (run,) = load([folder])
     except TrainingError:

@@ -23,12 +23,12 @@ OURS, THEIRS = colour(style.BLUE), colour(style.VERMILLION)
 
 
 def picture(group: PaperGroup, form: str) -> bytes:
-    """Return the figure of a group as a file: "png" or "svg". It holds the digest of what it shows, as Source."""
+    """Return the figure of a group as a file: "png" or "svg". Its Source is the digest of its content."""
     return encoded(lambda: draw(group), form, {"Title": group.name, "Source": digest(group)}, COLOURS)
 
 
 def digest(group: PaperGroup) -> str:
-    """Return a digest of what a figure shows: all curves, and the settings that are not the paper's."""
+    """Return a digest of the content of a figure: all curves, and the settings that differ from the paper's."""
     total = hashlib.blake2b(digest_size=16)
     for run in group.runs:
         total.update(json.dumps([group.name, run.unlike, run.seed], sort_keys=True).encode())
@@ -40,7 +40,7 @@ def digest(group: PaperGroup) -> str:
 
 
 def draw(group: PaperGroup) -> Figure:
-    """Draw the paper's quantities in four panels under a heading; without boxes, the length in their place."""
+    """Draw the paper's quantities in four panels under a heading; without boxes, the length instead."""
     figure = figure_of(*SIZE)
     notes = [line for note in group.notes() for line in textwrap.wrap(note, LINE)]
     top = 1 - (0.82 + 0.17 * len(notes)) / SIZE[1]
@@ -68,7 +68,7 @@ def _panel(axes: Axes, group: PaperGroup, quantity: Quantity) -> None:
 
 
 def _heading(figure: Figure, group: PaperGroup, notes: Sequence[str]) -> None:
-    """Write the title, how curves are smoothed, the notes of the group, and the legend."""
+    """Write the title, the smoothing of curves, the notes of the group, and the legend."""
     count = len(group.runs)
     points = window_size(max(len(run.curves.steps) for run in group.runs))
     several = "band: from the lowest to the highest seed; faint: the paper's points"

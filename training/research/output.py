@@ -1,4 +1,4 @@
-"""Output of `reproduce` about a part whose runs are there: kept results, figures, tables, claims, films."""
+"""Output of `reproduce` about a part whose runs exist: kept results, figures, tables, claims, films."""
 
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
@@ -23,20 +23,20 @@ from .report import figures_and_tables
 from .results import curves_to_keep, group_runs, load_runs
 
 FILM: dict[str, Any] = {"size": 256, "every": 6, "fps": 15, "views": "+vision"}
-CURVES = ("length", "kills", "wins/scripted", "damage_dealt", "strikes_landed", "heals_given")  # of mended games
-POINTS, DIGITS = 64, 3  # what is kept of a curve of a mended game, which is drawn only, as an average over 1 / SMOOTH
+CURVES = ("length", "kills", "wins/scripted", "damage_dealt", "strikes_landed", "heals_given")  # of corrected games
+POINTS, DIGITS = 64, 3  # of kept curves of corrected games, which are only drawn, as averages
 FIRST = "original"  # the part that others are compared with
 Progress = Callable[[int], object]
 
 
 def write_part(part: str, chosen: Sequence[Experiment], out: Path, progress: Progress) -> Iterator[Path]:
-    """Write everything about a part, and yield the path of each file once it is written.
+    """Write all output of a part, and yield the path of each file once it is written.
 
-    Figures and tables show all experiments of the part whose runs are in the folder; otherwise those of one game would
-    replace those of another. Mended games that are not chosen are shown if they were measured before.
+    Figures and tables show all experiments of the part whose runs are in the folder; otherwise one game's would replace
+    those of another. Corrected games that are not chosen are shown if they were measured before.
 
-    chosen: The experiments of it that are filmed. out: The output folder of the command. progress: Called with 1 after
-    each thing that took long. Raises TrainingError: runs are not there, or something cannot be written.
+    chosen: The experiments to film. out: The output folder of the command. progress: Called with 1 after each long
+    task. Raises TrainingError: runs are missing, or a file cannot be written.
     """
     before = (out / SECONDS).read_text(encoding="utf-8") if (out / SECONDS).exists() else ""
     timed = seconds_table(experiments(PARTS), out, before)
@@ -54,7 +54,7 @@ def write_part(part: str, chosen: Sequence[Experiment], out: Path, progress: Pro
 
 
 def _beside_the_paper(part: str, there: Sequence[Experiment], out: Path, progress: Progress) -> Iterator[Path]:
-    """Yield results to keep, figures and tables."""
+    """Yield kept results, figures and tables."""
     runs = load_runs(place for each in there for place in each.results(out))
     yield from _written(curves_to_keep(runs, out / part) | _policies(there, out))
     games = {each.game for each in there}
@@ -66,7 +66,7 @@ def _beside_the_paper(part: str, there: Sequence[Experiment], out: Path, progres
 
 
 def _mended(part: str, there: Sequence[Experiment], out: Path, progress: Progress) -> Iterator[Path]:
-    """Yield policies, curves and what was measured, to keep; a table, and a figure for each variant."""
+    """Yield kept policies, curves and measurements; a table, and a figure for each variant."""
     study = out / part
     curves, measured = kept_runs(study), mended.read_measured(study / mended.FILE)
     for each in there:
@@ -77,7 +77,7 @@ def _mended(part: str, there: Sequence[Experiment], out: Path, progress: Progres
                 (result,) = load_runs([run])
                 curves[run.name] = result.about, rounded(thinned(result.curves, POINTS), DIGITS)
             elif run.name not in measured:
-                raise TrainingError(f"{study / mended.FILE} has nothing on {run.name}, and its folder is not there")
+                raise TrainingError(f"{study / mended.FILE} does not have {run.name}, and its folder is missing")
             progress(1)
     kept = {FILE: format_curves(dict(sorted(curves.items())))}
     kept |= {mended.FILE: mended.format_measured(dict(sorted(measured.items())))}
@@ -94,7 +94,7 @@ def _mended(part: str, there: Sequence[Experiment], out: Path, progress: Progres
 
 
 def _measured(run: Path, known: mended.Measured) -> bool:
-    """Return whether a run was measured: one that has its folder, or one that is kept."""
+    """Return whether a run was measured, by its folder or by kept results."""
     return mended.is_measured(run) if run.is_dir() else run.name in known
 
 
@@ -104,7 +104,7 @@ def _written(contents: dict[Path, bytes]) -> list[Path]:
 
 
 def _policies(there: Sequence[Experiment], out: Path) -> dict[Path, bytes]:
-    """Return policies to keep of the runs whose folders are there, by path."""
+    """Return the policies to keep of the runs whose folders exist, by path."""
     runs = ((each, run) for each in there for run in each.results(out) if run.is_dir())
     return {each.kept_policy(out, run): policy_file.content(*weights_of(newest(run))) for each, run in runs}
 

@@ -13,16 +13,16 @@ from .claims import claims_table, findings
 from .results import PaperGroup
 
 PAPER = "the paper"
-TOLERANCE = 0.15  # returns and lengths that are no further from the paper's end value agree with it
+TOLERANCE = 0.15  # relative: returns and lengths within it agree with the paper's end value
 WITHIN = f"within {TOLERANCE:.0%}"
 HEADS = ("", PAPER, "outlast", "95 %", "apart", WITHIN, "peak in the paper", "peak in outlast")
 
 
 @dataclass(frozen=True)
 class EndRow:
-    """A quantity of a group: end values and moving averages of its runs and of the paper's, which may have none.
+    """A quantity of a group: end values and moving averages of its runs and, if any, of the paper's.
 
-    side: -1 if it is of all agents. ours: One for each run whose end value counts, in order of seeds.
+    side: -1 for all agents together. ours: One for each run whose end value counts, in order of seeds.
     """
 
     quantity: Quantity
@@ -44,7 +44,7 @@ class EndRow:
 
     @property
     def apart(self) -> float | None:
-        """Our end value over the paper's, less 1; None for quantities near 0, for which it means little."""
+        """Our end value over the paper's, less 1; None for quantities near 0, where it means little."""
         if self.theirs is None or self.quantity not in (RETURN, LENGTH) or not self.theirs.mean:
             return None
         return self.mean / self.theirs.mean - 1
@@ -66,7 +66,7 @@ def rows(group: PaperGroup) -> Iterator[EndRow]:
 
 
 def verdict(group: PaperGroup, row: EndRow) -> str:
-    """Return whether the end values agree: "yes", "no", "too early"; empty where that is not checked."""
+    """Return whether the end values agree: "yes", "no", "too early"; "" if unchecked."""
     if row.apart is None or group.ablated:
         return ""
     if not all(run.done for run in group.ended):
@@ -96,12 +96,12 @@ def _cells(group: PaperGroup) -> Iterator[list[str]]:
 
 
 def _with_deviation(mean: float, deviation: float) -> str:
-    """Format mean ± deviation, with the same digits; the mean alone if it is not known how far points scatter."""
+    """Format mean ± deviation, with the same digits; only the mean if the scatter of points is unknown."""
     return number(mean) + ("" if np.isnan(deviation) else f" ± {deviation:,.{decimals(mean)}f}")
 
 
 def csv_table(groups: Iterable[PaperGroup]) -> str:
-    """Return the table as CSV, with a row for each quantity and all digits that mean something."""
+    """Return the table as CSV, with a row for each quantity and all meaningful digits."""
     records = [_record(group, row) for group in groups for row in rows(group)]
     return csv_text(list(records[0]), (record.values() for record in records))
 
@@ -131,7 +131,7 @@ def _record(group: PaperGroup, row: EndRow) -> dict[str, Any]:
 
 
 def side_by_side(groups: Sequence[PaperGroup]) -> str:
-    """End values of every variant, with all presets beside each other and 95 % intervals over seeds, in Markdown.
+    """Return the end values of every variant, with all presets and 95 % intervals over seeds, in Markdown.
 
     Values of sides are averaged; kills are summed.
     """
@@ -152,7 +152,7 @@ def side_by_side(groups: Sequence[PaperGroup]) -> str:
 
 
 def report(groups: Sequence[PaperGroup], beside: Sequence[PaperGroup] = ()) -> str:
-    """End values of all presets beside each other, those of each group, and the paper's claims, in Markdown."""
+    """Return the end values of all presets side by side, those of each group, and the paper's claims, in Markdown."""
     parts = [markdown(group) for group in groups]
     if len({group.preset for group in (*beside, *groups)}) > 1:
         parts.insert(0, side_by_side([*beside, *groups]))
@@ -165,8 +165,8 @@ def report(groups: Sequence[PaperGroup], beside: Sequence[PaperGroup] = ()) -> s
 def figures_and_tables(groups: Sequence[PaperGroup], form: str, beside: Sequence[PaperGroup] = ()) -> dict[str, bytes]:
     """Return the contents of all files, by name: the figures, the tables in Markdown, and the end values as CSV.
 
-    form: Format of the figures: "png" or "svg". beside: Runs with other presets, to compare with in the table of all
-    presets. Raises TrainingError: there is no matplotlib.
+    form: Format of the figures: "png" or "svg". beside: Runs with other presets, for comparison in the table of all
+    presets. Raises TrainingError: matplotlib is missing.
     """
     with needed("plot", "figures need"):
         from .figures import picture

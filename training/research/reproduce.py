@@ -1,4 +1,4 @@
-"""reproduce: the paper's experiments and those that go past it, trained, measured and drawn in one command."""
+"""reproduce: the paper's experiments and further ones, trained, measured and drawn in one command."""
 
 import argparse
 import heapq
@@ -28,30 +28,30 @@ def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
     text = "train, measure and draw the paper's experiments and more"
     examples = [
-        ("reproduce --plan", "what would be trained, and how long that takes"),
-        ("reproduce original --out reproduction", "the eight experiments; the same command goes on after Ctrl-C"),
+        ("reproduce --plan", "the runs to train, with their time"),
+        ("reproduce original --out reproduction", "the eight experiments; the same command continues after Ctrl-C"),
         ("reproduce original --only ffa_2 teams_2 --seeds 1", "two of them, one seed each"),
     ]
     description = (
-        "Train the runs of docs/paper.md, and write its figures, tables and films. Run again, the same command goes on "
-        "where it was stopped."
+        "Train the runs of docs/paper.md, and write its figures, tables and films. The same command continues after it "
+        "was stopped."
     )
     parts = "\n".join(f"  {name:10}{about}" for name, about in PARTS.items())
     command = commands.add_parser(
         "reproduce", help=text, description=description, examples=examples, epilog=f"parts:\n{parts}"
     )
-    text = f"what to train: {', '.join(PARTS)}, see below (default: all)"
+    text = f"parts to train: {', '.join(PARTS)}, see below (default: all)"
     command.add_argument("parts", nargs="*", metavar="PART", help=text)
     text = "only these games of the parts, such as ffa_2 (default: all)"
     command.add_argument("--only", nargs="+", default=[], metavar="GAME", help=text)
-    text = "runs of each experiment, with one seed after the other (default: 3, of mended games 2)"
+    text = "runs of each experiment, with one seed after the other (default: 3, of corrected games 2)"
     command.add_argument("--seeds", type=positive, metavar="N", help=text)
     text = "seed of the first run of each experiment (default 0)"
     command.add_argument("--first", type=nonnegative, default=0, metavar="SEED", help=text)
     text = "folder for runs, figures, tables and films (default paper)"
     command.add_argument("--out", type=output(check_out), default="paper", help=text)
-    command.add_argument("--jobs", type=positive, help="how many runs train at the same time (default: cores)")
-    text = "only print what would be trained, and about how long that takes"
+    command.add_argument("--jobs", type=positive, help="runs that train at the same time (default: cores)")
+    text = "only print the runs to train, with their approximate time"
     command.add_argument("--plan", action="store_true", help=text)
     command.add_argument("--quiet", action="store_true", help="show no progress bar")
     command.arrange(
@@ -65,13 +65,13 @@ def add(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Do it; the exit status."""
+    """Run the command. Return the exit status."""
     options.out = Path(options.out)
     chosen = _chosen(options)
     plan = _plan(chosen, options)
     seconds, timed = expected_seconds([experiment for experiment, _ in plan])
     jobs = options.jobs or available_cores()
-    about, lines = _said(plan, seconds, timed, options.out, jobs)
+    about, lines = _summary(plan, seconds, timed, options.out, jobs)
     if options.plan:
         print("\n".join([about, *lines]))
         return 0
@@ -88,7 +88,7 @@ def run(options: argparse.Namespace) -> int:
     status = _train(plan, seconds, options, about, jobs)
     if status == STOPPED:
         return status
-    for part in PARTS:  # after a run that failed, too: of those that did not
+    for part in PARTS:  # also after a failed run, for the runs that did not fail
         if own := [each for each in chosen if each.part == part and each.results(options.out)]:
             about = f"figures and tables of {part}"
             with Progress(0, "steps", quiet=options.quiet, about=about) as progress:
@@ -99,14 +99,14 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _chosen(options: argparse.Namespace) -> list[Experiment]:
-    """Return the experiments that are asked for. Raises TrainingError."""
+    """Return the requested experiments. Raises TrainingError."""
     for part in options.parts:
         if part not in PARTS:
-            raise TrainingError(f"there is no part '{part}'; known: {', '.join(PARTS)}")
+            raise TrainingError(f"unknown part '{part}'; known: {', '.join(PARTS)}")
     chosen = experiments(options.parts or PARTS)
     games = list(dict.fromkeys(each.name for each in chosen))
     if unknown := [game for game in options.only if game not in games]:
-        raise TrainingError(f"--only {unknown[0]}: there is no such game among {', '.join(games)}")
+        raise TrainingError(f"--only {unknown[0]}: unknown game; known: {', '.join(games)}")
     return [each for each in chosen if each.name in (options.only or games)]
 
 
@@ -117,28 +117,30 @@ def _plan(chosen: Sequence[Experiment], options: argparse.Namespace) -> Plan:
     return [(each, seed) for seed in rounds for each, count in zip(chosen, counts) if seed - options.first < count]
 
 
-def _said(plan: Plan, seconds: Sequence[float], timed: Sequence[bool], out: Path, jobs: int) -> tuple[str, list[str]]:
-    """Return what is left to train, and how long that takes; and a line for each such run."""
+def _summary(
+    plan: Plan, seconds: Sequence[float], timed: Sequence[bool], out: Path, jobs: int
+) -> tuple[str, list[str]]:
+    """Return a summary of the runs still to train, with the expected hours; and the command of each."""
     done = [min(1, each.steps_done(out, seed) / each.steps) for each, seed in plan]
     rest = [each * (1 - share) for each, share in zip(seconds, done, strict=True)]
     left = [k for k, share in enumerate(done) if share < 1]
     finished = f"{len(plan) - len(left)} of {len(plan)} runs are finished"
     if not left:
-        return f"{finished}: figures and tables are made anew", []
+        return f"{finished}: figures and tables are written again", []
     hours = _end([rest[k] for k in left], jobs) / 3600
     guesses = sum(not timed[k] for k in left)
-    source = f"a guess, as {guesses} of them have never been timed" if guesses else TIMED_ON
+    source = f"an estimate, since {guesses} of them were never timed" if guesses else TIMED_ON
     about = f"{len(left)} runs, {jobs} at a time: about {hours:.1f} hours, {source}"
     lines = []
     for k in left:
         experiment, seed = plan[k]
-        more = " left" * (done[k] > 0) + ", a guess" * (not timed[k])
+        more = " left" * (done[k] > 0) + ", an estimate" * (not timed[k])
         lines.append(f"outlast train {' '.join(experiment.words(seed))}  # {rest[k] / 3600:.1f} h{more}")
     return about + (f"; {finished}" if len(left) < len(plan) else ""), lines
 
 
 def _end(seconds: Sequence[float], jobs: int) -> float:
-    """Estimate when the last of these runs ends: so many go on at a time, and one begins when another has ended."""
+    """Return the estimated end of the last of these runs, `jobs` at a time; one begins when another has ended."""
     ends = [0.0] * jobs
     for each in seconds:
         heapq.heapreplace(ends, ends[0] + each)
@@ -146,7 +148,7 @@ def _end(seconds: Sequence[float], jobs: int) -> float:
 
 
 def _train(plan: Plan, seconds: Sequence[float], options: argparse.Namespace, about: str, jobs: int) -> int:
-    """Train what is not trained yet; the exit status. Progress is counted in the seconds that were expected."""
+    """Train the remaining runs. Return the exit status. Progress is counted in expected seconds."""
     runs = [ChildRun(each.folder(options.out, seed), each.words(seed), resume=True) for each, seed in plan]
     weights = [each / experiment.steps for (experiment, _), each in zip(plan, seconds, strict=True)]
     kept = [each.steps_done(options.out, seed) for each, seed in plan]

@@ -1,4 +1,4 @@
-"""The paper's own learning curves, runs of its variants in groups, and what is kept of them. Needs no PyTorch."""
+"""The paper's own learning curves, runs of its variants in groups, and kept results. Does not need PyTorch."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field
@@ -19,13 +19,13 @@ from ..base.presets import ROLLOUT
 from ..plots.groups import check_seeds
 from ..plots.runs import ABSENT, Run, kept_runs, load, read_kept, usual_numbers
 
-DIGITS = 4  # of what is taken from the log of a run, so that what is kept is small, and shows the same
+DIGITS = 4  # of values from logs of runs: kept results are small and look the same
 PAPER_STEPS = 10_000_000  # agent-steps that the authors trained each variant for, rounded up to a whole rollout
 DEFAULTS = {"worlds": 1, "rollout": ROLLOUT, "dead": "keep", **asdict(Hyperparameters())}  # as in the paper
 
 
 def behaviour(name: str) -> Quantity:
-    """Return what agents do, as our runs log it."""
+    """Return a quantity of agents' behaviour, as our runs log it."""
     return Quantity(name, f"behaviour/{name}")
 
 
@@ -34,7 +34,7 @@ SEEN = (
     *(Quantity(name, f"rollout/{name}") for name in ("first_death", "deaths_melee", "deaths_zone")),
     *(Quantity(name, f"rollout/{name}", sided=True) for name in ("damage_dealt", "strikes_landed", "heals_given")),
     Quantity("wins against scripted", "wins/scripted"),
-)  # the paper has no curves of these; claims about behaviour, and mended games, are measured by them
+)  # the paper has no curves of these; they measure claims about behaviour, and corrected games
 
 
 def published_curves(variant: str) -> Curves:
@@ -45,7 +45,7 @@ def published_curves(variant: str) -> Curves:
 
 @dataclass(frozen=True)
 class PaperRun(Run):
-    """A run of one of the paper's variants, with curves of the paper's quantities and of what agents did.
+    """A run of one of the paper's variants, with curves of the paper's quantities and of behaviour.
 
     changed: Numbers of the scenario that differ from the paper's.
     """
@@ -70,12 +70,12 @@ class PaperRun(Run):
 
     @property
     def about(self) -> dict[str, Any]:
-        """Return what is kept with its curves."""
+        """Return the description that is kept with its curves."""
         return {"variant": self.variant, "plan": self.plan, "changed": self.changed}
 
     @property
     def name(self) -> str:
-        """The name by which it is kept."""
+        """The name of the kept run."""
         return f"{self.variant}-{self.plan['preset']}-{self.seed}"
 
 
@@ -102,12 +102,12 @@ class PaperGroup:
 
     @property
     def side(self) -> str:
-        """Return what a side is called: "team" or "agent"."""
+        """Return the word for a side: "team" or "agent"."""
         return "team" if self.variant.startswith("teams") else "agent"
 
     @property
     def ended(self) -> tuple[PaperRun, ...]:
-        """The runs whose end values count: those that are as long as the paper's; all, if none is."""
+        """The runs whose end values count: the ones as long as the paper's, or all if none is."""
         return tuple(run for run in self.runs if run.done) or self.runs
 
     @cached_property
@@ -117,7 +117,7 @@ class PaperGroup:
 
     @property
     def ablated(self) -> bool:
-        """Return whether the variant has ablations, so that it is another game than the paper's."""
+        """Return whether the variant has ablations, and so is not the paper's game."""
         return base(self.variant) != self.variant
 
     def notes(self) -> list[str]:
@@ -136,8 +136,8 @@ def load_runs(places: Iterable[Path]) -> list[PaperRun]:
 
 
 def _of_the_paper(run: Run) -> PaperRun:
-    """Return the run, with what differs from the paper's game. Raises TrainingError if it is of another one."""
-    wrong = f"{run.origin} is no run of the paper's"
+    """Return the run, with its differences from the paper's game. Raises TrainingError for other games."""
+    wrong = f"{run.origin} is not a run of the paper's games"
     if run.beyond:
         raise TrainingError(f"{wrong}: its game has {', '.join(run.beyond)}; `outlast plot` compares it")
     try:
@@ -171,18 +171,18 @@ def group_runs(results: Iterable[PaperRun]) -> list[PaperGroup]:
 
 
 def _difference(one: PaperRun, other: PaperRun) -> str:
-    """Name the first setting that differs; empty if none does."""
+    """Describe the first setting that differs; empty if none does."""
     for key in sorted(one.settings.keys() | other.settings.keys()):
         mine, its = (run.settings.get(key, ABSENT) for run in (one, other))
         if mine != its:
-            return f"{key} is {mine} in {one.origin} and {its} in {other.origin}"
+            return f"{key} is {mine} in {one.origin} but {its} in {other.origin}"
     return ""
 
 
 def files_to_keep(runs: Sequence[PaperRun], folder: Path) -> dict[Path, bytes]:
     """Return curves and newest policies to keep, by path. Raises TrainingError as `curves_to_keep`."""
     contents = {}
-    for run in runs:  # the last checkpoint of a run's folder, or the policy that is kept
+    for run in runs:  # the last checkpoint of a run's folder, or the kept policy
         kept = run.origin.with_name(f"{run.origin.name}{policy_file.SUFFIX}")
         found = checkpoints(run.origin) if run.origin.is_dir() else [kept]
         if found and found[-1].exists():
@@ -192,7 +192,7 @@ def files_to_keep(runs: Sequence[PaperRun], folder: Path) -> dict[Path, bytes]:
 
 
 def curves_to_keep(runs: Sequence[PaperRun], folder: Path) -> dict[Path, bytes]:
-    """Return curves to keep, by path, with those of other runs that the folder keeps already.
+    """Return the curves to keep, by path, including those of other runs that the folder keeps already.
 
     Raises TrainingError: a run would take the place of another one.
     """
