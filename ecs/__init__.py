@@ -1,22 +1,22 @@
-"""The engine: components, systems, a schedule, and a runner for batches of worlds. It knows the rules of no game.
+"""The engine: components, systems, a schedule, and a runner for batches of worlds. It contains no rules of games.
 
 It has six parts. Each imports only those above it in this list, so they can be read in this order:
 
 ============ ====================================================================================================
-kernels      what compiled code is made with: numba, types of arrays, vectors, random numbers, files of machine code
-declarations what a mechanic says: components, events, fields, systems and their access, phases, numbers, modules
-memory       where columns lie and what they begin with; numbers that differ between worlds or agents
-compilation  the order of systems, their arguments, the tick as machine code, and the cache that keeps it
-checks       whether systems do what they declare, and the hash that tells games apart
-running      a batch of worlds: ticks, threads, tables that callers see
+kernels      tools of compiled code: numba, types of arrays, vectors, random numbers, files of machine code
+declarations parts of a mechanic: components, events, fields, systems and their access, phases, numbers, modules
+memory       places and first values of columns; numbers that differ between worlds or agents
+compilation  the order of systems, their arguments, the tick as machine code, and its cache
+checks       checks of systems against their declarations, and the hash that identifies games
+running      a batch of worlds: ticks, threads, tables for callers
 ============ ====================================================================================================
 
 Other layers and users' mechanics import from here, or from the public modules: all of `kernels` (`random`, `simd`,
 `jit`, `errors` ...), `declarations.{component, distributions, event, fields, roles}`, `memory.{given, numbers}` and
 `checks.code_hash`. All other modules are private.
 
-From modules to worlds: `running.compiled_game.plan` makes a `memory.layout.MemoryLayout` of them, a
-`compilation.schedule.Schedule` of their systems, tries users' systems out (`checks.trial`), writes the tick
+From modules to worlds: `running.compiled_game.plan` creates a `memory.layout.MemoryLayout` of them, a
+`compilation.schedule.Schedule` of their systems, tries users' systems (`checks.trial`), generates the tick
 (`compilation.tick`), and loads or compiles it (`compilation.cache`); `running.worlds.Worlds` is the batch that steps.
 """
 

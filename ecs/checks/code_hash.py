@@ -1,7 +1,7 @@
-"""A hash of what a user's mechanic does, which tells apart two games of the same name with equal numbers.
+"""A hash of the code of users' mechanics, which distinguishes games of the same name with equal numbers.
 
 The hash is the same in every process, compiled or not, and does not depend on comments, docstrings and line numbers.
-What a mechanic uses of this package, of Python's library or of numpy counts only by name: versions identify the rest.
+Functions of this package, of Python's library and of numpy count by name only: versions identify the rest.
 """
 
 import hashlib
@@ -28,7 +28,7 @@ PYTHON = f"{sys.version_info.major}.{sys.version_info.minor}"
 def code_digest(module: Module) -> str:
     """Hash of the code of a mechanic's systems and of all that they refer to, and of its components and prefab values.
 
-    Its numbers count only as far as archetypes, singletons and dimensions depend on them.
+    Its numbers count only if archetypes, singletons or dimensions depend on them.
     """
     digest = hashlib.sha256()
     for line in _describe_module(module):
@@ -37,7 +37,7 @@ def code_digest(module: Module) -> str:
 
 
 def full_name(target: Any) -> str:
-    """Return the name of a class or function with that of its module."""
+    """Return the name of a class or function with its module."""
     return f"{target.__module__}.{target.__qualname__}"
 
 
@@ -89,7 +89,7 @@ def _describe_fields(fields: tuple[Field, ...] | str) -> list[Any]:
 
 
 def _described(system: System) -> list[Parameter]:
-    """Return its parameters without optional ones of outlast's own: games without these components are as before."""
+    """Return its parameters without optional ones of outlast's own: games without these components keep their hash."""
     return [each for each in system.access if system.outside or not each.optional]
 
 
@@ -110,7 +110,7 @@ def _describe_declaration(system: System) -> str:
 def _describe_value(name: str, value: Any, known: list[FunctionType]) -> Iterator[str]:
     """Yield a value that code refers to.
 
-    A user's function is added to `known`; what cannot be followed counts by name.
+    A user's function is added to `known`; other functions count by name.
     """
 
     def other(name: str, value: Any) -> Iterator[str]:

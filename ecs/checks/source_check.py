@@ -1,9 +1,8 @@
-"""A reading of a system, for the branches that a trial does not take.
+"""A check of a system's source, for the branches that a trial does not take.
 
-Its source shows the columns that it uses and writes, and anything but sums on what is declared Add, also in functions
-that are called with tables; functions whose source is not at hand are left to the trial. What numba reads of it shows
-variables that may have no value where they are used, loops that nothing leaves, and accesses to memory that numba does
-not check.
+Its source shows the columns that it uses and writes, and any operation but sums on columns declared Add, also in called
+functions that get tables; functions without source are left to the trial. Numba's form of it shows variables that may
+have no value where they are used, loops that never end, and accesses to memory that numba does not check.
 """
 
 import ast
@@ -34,7 +33,7 @@ NO_VALUE = (
     "on some path '{0}' has no value here, where machine code takes 0 or what an earlier round left; give it one ahead "
     "of that, as in {0} = -1"
 )
-UNCHECKED = {  # attributes and functions by which code reaches memory that nothing checks: how errors say that
+UNCHECKED = {  # attributes and functions that give access to unchecked memory, with their errors
     "flat": "takes .flat of an array, whose indices nothing checks; index the array, or its .ravel()",
     "ctypes": "takes .ctypes of an array, an address that nothing checks; index the array",
     "as_strided": "calls as_strided, whose shape nothing checks; take slices, or reshape",
@@ -44,10 +43,10 @@ Names = dict[str, tuple[type[Component], str, str]]  # component, access, and co
 
 
 def check_source(system: System) -> tuple[Columns, Columns]:
-    """Return the columns that a system's source names, and those that it writes, whatever branches it takes.
+    """Return the columns that a system's source names, and those that it writes, over all branches.
 
     Raises:
-        ScheduleError: It does anything but sums on a column that is declared Add; with its label, file and line.
+        ScheduleError: It does more than sums on a column that is declared Add; with its label, file and line.
     """
     function: Any = getattr(system.function, "py_func", system.function)
     tables = {p.name: (p.components[0], p.kind, "") for p in system.parameters if p.kind in ("read", "write", "add")}
@@ -67,10 +66,10 @@ def check_source(system: System) -> tuple[Columns, Columns]:
 
 
 def check_paths(system: System) -> None:
-    """Refuse variables of a user's compiled system, and of what it calls, that have a value on some paths only.
+    """Refuse variables of a user's compiled system, and of functions it calls, that have a value on some paths only.
 
     Raises:
-        DeclarationError: There is one, or a loop that nothing leaves, or something UNCHECKED; with the system's label,
+        DeclarationError: A variable is one of these, a loop never ends, or an access is UNCHECKED; with the label,
             file and line.
     """
     columns = {name for parameter in system.parameters for each in parameter.components for name in each.columns}
@@ -78,7 +77,7 @@ def check_paths(system: System) -> None:
     for inner in reachable(function, lambda inner: is_outside(inner) and not is_library(inner)):
         try:
             code = run_frontend(inner)
-        except Exception:  # numba will not compile it, and say why
+        except Exception:  # numba will refuse it with a reason
             continue
         if found := _unchecked(code, columns) or _wrong_path(code):
             line, what = found
@@ -86,9 +85,9 @@ def check_paths(system: System) -> None:
 
 
 def _unchecked(code: Any, columns: set[str]) -> tuple[int, str] | None:
-    """Return the line of what is UNCHECKED in numba's form of a function, and what it is.
+    """Return the line of an UNCHECKED access in numba's form of a function, and its description.
 
-    columns: no attributes of arrays.
+    columns: names that are not attributes of arrays.
     """
     for statement in (each for block in code.blocks.values() for each in block.find_insts(ir.Assign)):
         value = statement.value
@@ -100,7 +99,7 @@ def _unchecked(code: Any, columns: set[str]) -> tuple[int, str] | None:
 
 
 def _wrong_path(code: Any) -> tuple[int, str] | None:
-    """Return the line of what check_paths refuses in numba's form of a function, and what it is."""
+    """Return the line of code that check_paths refuses in numba's form of a function, and the reason."""
     for label, loop in compute_cfg_from_blocks(code.blocks).loops().items():
         if not loop.exits:
             return code.blocks[label].loc.line, ENDLESS
@@ -122,8 +121,8 @@ def _wrong_path(code: Any) -> tuple[int, str] | None:
 class _Uses:
     """Uses of tables and columns by a function: the system, or one that it calls.
 
-    names: what the function's parameters stand for, as far as that is known. trail: the places of the calls that lead
-    to it, each followed by "; ".
+    names: the meanings of the function's parameters, as far as known. trail: the places of the calls that lead to it,
+    each followed by "; ".
     """
 
     def __init__(self, function: FunctionType, names: Names, trail: str) -> None:
@@ -138,7 +137,7 @@ class _Uses:
                     self.names[name] = what
 
     def _of(self, node: ast.AST) -> tuple[type[Component], str, str] | None:
-        """Return the component, access and column that an expression stands for; None if it is something else."""
+        """Return the component, access and column that an expression stands for; or None."""
         match node:
             case ast.Name(id=name):
                 return self.names.get(name)
@@ -169,7 +168,7 @@ class _Uses:
         return isinstance(parent, (ast.Tuple, ast.keyword))
 
     def _called(self, call: ast.Call) -> FunctionType | None:
-        """Return the function that is called, if it is one of Python that can be followed."""
+        """Return the called function, if it is a Python function that can be followed."""
         found = dict(references(self.function)).get(ast.unparse(call.func))
         plain = getattr(found, "py_func", found)
         return plain if isinstance(plain, FunctionType) and not is_library(plain) else None
@@ -188,7 +187,7 @@ class _Uses:
 
 @functools.lru_cache(maxsize=4096)
 def _parsed(code: CodeType) -> ast.FunctionDef | None:
-    """Return the syntax tree of a function, with the line numbers of its file; None if there is no source."""
+    """Return the syntax tree of a function, with the line numbers of its file; None without source."""
     lines = inspect.getblock(linecache.getlines(code.co_filename)[code.co_firstlineno - 1 :])
     try:
         (tree,) = ast.parse(textwrap.dedent("".join(lines))).body

@@ -1,9 +1,9 @@
-"""A user's system that runs as Python on stand-ins for what it gets, which refuse what its parameter list forbids.
+"""A user's system that runs as Python on stand-ins for its arguments, which refuse undeclared use.
 
-All values are those of plain arrays. Rows and indices are integers that remember what they count: where agents have the
-first rows, the two are the same numbers, so that a mechanic that confuses them works until another one brings entities
-that come before. Functions that the system calls run as copies of themselves: in these, `range`, `enumerate` and `len`
-know rows and indices, and random numbers are recorded.
+All values are those of plain arrays. Rows and indices are integers with a tag for their meaning: where agents have the
+first rows, both are the same numbers, so a mechanic that confuses them works until another one adds entities before
+them. Functions that the system calls run as copies of themselves: in these, `range`, `enumerate` and `len` know rows
+and indices, and random numbers are recorded.
 """
 
 import builtins
@@ -32,7 +32,7 @@ WRITERS = (np.copyto, np.fill_diagonal, np.place, np.put, np.putmask)  # write t
 Columns = set[tuple[type[Component], str]]
 READ_ONLY = "which its parameter list declares as Read; declare it Write[{}]"
 ONLY_SUMS = "but declares Add[{0}], which allows column[...] += integer and -= only; declare Write[{0}]"
-SIZES = ("dtype", "itemsize", "nbytes", "ndim", "shape", "size", "strides")  # attributes that do not show an element
+SIZES = ("dtype", "itemsize", "nbytes", "ndim", "shape", "size", "strides")  # attributes that do not read elements
 DRAWS = [getattr(random, name) for name in ("integer", "normal", "uniform", "uniform2", "words")]
 SHARED = "which is read-only and the same for all worlds; take a Scratch or a column of a component"
 CANNOT_BE = re.compile(r"\(\) (missing|takes|got) |item assignment|integer -?\d+ out of bounds|broadcast")  # of Python
@@ -61,7 +61,7 @@ class Row(np.int32):
 
 
 class Index(int):
-    """A Python integer that knows what it counts; numpy takes it for a plain one."""
+    """A Python integer with a tag for its meaning; numpy treats it as a plain one."""
 
     tag: Tag
 
@@ -81,14 +81,14 @@ def tagged(kind: Any, value: Any, tag: Tag) -> Any:
 class Guard:
     """Permitted uses of an array."""
 
-    title: str  # what errors call it
+    title: str  # its name in errors
     system: "Traced"
-    locked: str = ""  # why nothing may be written to it
+    locked: str = ""  # reason why it is read-only
     dims: tuple[int | str, ...] = ()  # of its axes, as far as indices are checked
-    gives: Tag | None = None  # what its elements are
-    computed: bool = True  # whether it may be computed with
+    gives: Tag | None = None  # the meaning of its elements
+    computed: bool = True  # whether computing with it is allowed
     places: Array | None = None  # the last index of each of its elements, if some of these are not the system's own
-    own: tuple[Array, str] | None = None  # which of these indices are the system's own, and how errors name them
+    own: tuple[Array, str] | None = None  # whether these indices are the system's own, and their name in errors
     column: tuple[type[Component], str] | None = None  # that it is a part of
 
     def access(self, index: Any) -> None:
@@ -107,7 +107,7 @@ class Guard:
             raise Refused(f"writes {self.title}, {self.locked}", ScheduleError)
         _guard(value).compute()
         if self.title and dtype.kind in "iu" and cut(value):
-            raise Refused(f"writes a float to {self.title}, {dtype}, which cuts it off; say so, as in np.{dtype}(...)")
+            raise Refused(f"writes a float to {self.title}, {dtype}, which cuts it off; cast it, as in np.{dtype}(...)")
         self.access(index)
         if self.places is not None and self.own and not self.own[0][self.reach(self.places, index)].all():
             raise Refused(f"writes {self.title} beside {self.own[1]}; take an Offset for each field")
@@ -115,14 +115,14 @@ class Guard:
             self.system.written.add(self.column)
 
     def reach(self, array: Any, index: Any) -> Any:
-        """Return a part of an array. IndexError, with the title, if there is no such part."""
+        """Return a part of an array. IndexError, with the title, for a part that does not exist."""
         try:
             return array[index]
         except IndexError as error:
             raise IndexError(f"{self.title}: {error}".removeprefix(": ")) from None
 
     def compute(self) -> None:
-        """Refuse to compute with the whole array, where a system may take it for one number."""
+        """Refuse to compute with the array, where a system may take it for one number."""
         if not self.computed:
             raise Refused(
                 f"computes with {self.title}, in which roles differ: write of({self.title}, e), where e is the row of "
@@ -134,7 +134,7 @@ FREE = Guard("", system=None)  # type: ignore[arg-type]  # of arrays that are th
 
 
 class Watched(np.ndarray):
-    """An array with a guard. What is computed from it, and views that numpy's functions make, are free."""
+    """An array with a guard. Results computed from it, and views from numpy's functions, are unguarded."""
 
     guard: Guard
 
@@ -172,7 +172,7 @@ class Watched(np.ndarray):
 
 
 def _guarded(name: str, writes: bool) -> Any:
-    """Return a method of arrays that writes all of it, or computes with it."""
+    """Return a method of arrays that writes or computes with all elements."""
 
     def method(self: Watched, *arguments: Any, **options: Any) -> Any:
         if writes:
@@ -189,7 +189,7 @@ for _name in ("fill", "partition", "put", "sort", "__bool__", "__float__", "__in
 
 
 class Selection(Watched):
-    """The list of a Rows parameter, whose size is known to be that of the list."""
+    """The list of a Rows parameter, whose size is tagged as that of the list."""
 
     @property
     def size(self) -> Any:
@@ -219,9 +219,9 @@ def _plain(value: Any) -> Any:
 
 
 def cut(value: Any) -> bool:
-    """Return whether a column of integers cuts off what is written.
+    """Return whether an integer column would cut off a written value.
 
-    numpy makes a float64 of an int and a uint64, where machine code has an integer: a whole one is none.
+    numpy turns an int and a uint64 into a float64, where machine code has an integer: an integral float is accepted.
     """
     if not isinstance(value, (float, np.floating, np.ndarray)):
         return False
@@ -231,7 +231,7 @@ def cut(value: Any) -> bool:
 
 
 class Added:
-    """A column that is declared Add: all that it allows is column[...] += integer, and -=."""
+    """A column that is declared Add: it only allows column[...] += integer, and -=."""
 
     def __init__(self, array: Array, guard: Guard) -> None:
         self._array, self._guard = array, guard
@@ -262,7 +262,7 @@ class Added:
 
 
 class Total:
-    """An element or a slice of such a column, which knows only += and -=."""
+    """An element or a slice of such a column, which only allows += and -=."""
 
     def __init__(self, column: Added, index: Any, value: Any, changed: bool = False) -> None:
         self.column, self.index, self.value, self.changed = column, index, value, changed
@@ -294,7 +294,7 @@ for _name in {name for name in _OTHERS if name.startswith("__")} | {f"__{name}__
 
 
 def _wrong(layout: MemoryLayout, dim: int | str, tag: Tag) -> str:
-    """Return what is wrong with an index of a dimension, and how to cure it; "" for nothing."""
+    """Return the fault in an index of a dimension, with the cure; "" if it is valid."""
     rows, size = layout.rows(*tag.components), layout.dims[dim] if isinstance(dim, str) else dim
     listed = f"Rows[{', '.join(component.__name__ for component in tag.components)}]"
     if tag.what == "size" or np.array_equal(rows, np.arange(len(rows))):  # an index is the row
@@ -331,15 +331,15 @@ PYTHON_ONLY: dict[str, Any] = {"range": counted, "enumerate": numbered, "len": l
 
 
 class Traced:
-    """The function of a user's system, to be called as its kernel is: EngineError if it does what it must not.
+    """The function of a user's system, called like its kernel: raises EngineError for undeclared use.
 
-    stand_ins: names that mean something else in the system and in the functions that it calls; None: in these, all is
+    stand_in: names with another meaning in the system and in the functions that it calls; None: in these, all is
     as in Python, and changes of global variables last.
     """
 
     def __init__(self, system: System, layout: MemoryLayout, stand_ins: Mapping[str, Any] | None) -> None:
         self.system, self.layout = system, layout
-        self.used, self.written = Columns(), Columns()  # what it has done so far
+        self.used, self.written = Columns(), Columns()  # its accesses so far
         self.misused = functools.cache(functools.partial(_wrong, layout))
         self.drawn = set[tuple[int, ...]]()
         function: Any = getattr(system.function, "py_func", system.function)
@@ -394,7 +394,7 @@ class Traced:
     # ---- arguments
 
     def _stand_in(self, parameter: Parameter, value: Any) -> Any:
-        """Return what the system gets for an argument."""
+        """Return the stand-in for an argument."""
         components, title = parameter.components, f"'{parameter.name}'"
         match parameter.kind:
             case "read" | "write" | "add" as access:
@@ -426,7 +426,7 @@ class Traced:
     # ---- functions that it calls
 
     def _copy(self, function: FunctionType) -> Any:
-        """Return the function with stand-ins for what it refers to."""
+        """Return the function with stand-ins for its references."""
         if function not in self._made:
             cells = [CellType() for _ in function.__closure__ or ()]
             names: dict[str, Any] = {**function.__globals__, **self._names}
@@ -447,7 +447,7 @@ class Traced:
         return self._made[function]
 
     def _replaced(self, value: Any) -> Any:
-        """Return what stands in for a value that a function refers to."""
+        """Return the stand-in for a value that a function refers to."""
         plain = getattr(value, "py_func", value)
         if isinstance(plain, FunctionType) and not is_library(plain):
             return self._copy(plain)
@@ -493,7 +493,7 @@ class _Names:
 def _own_fields(system: System, layout: MemoryLayout) -> dict[tuple[type[Component], str], tuple[Array, str]]:
     """Return, by column of an observation with Offsets of a system, which columns are its own, and its Offsets.
 
-    An Offset also stands for the fields that lie behind its own one, if the system's mechanic adds these.
+    An Offset also stands for the fields after its own, if the system's mechanic adds these.
     """
     (module,) = (each for each in layout.modules if each.name == system.module)
     found = dict[tuple[type[Component], str], tuple[Array, str]]()

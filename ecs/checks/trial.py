@@ -1,8 +1,8 @@
 """A trial of a game's mechanics: a few ticks of one world as Python, in which users' systems run on stand-ins.
 
-So a slip gets an error that names system, line, component and column, before anything is compiled. What other branches
-do is read in the source; what neither sees is left to the compiler, and to the checks of indices and ranges that are
-part of machine code.
+A slip gets an error that names system, line, component and column, before anything is compiled. Branches that do not
+run are read in the source. Slips that neither notices are left to the compiler, and to the checks of indices and ranges
+in machine code.
 """
 
 import contextlib
@@ -34,7 +34,7 @@ from .traced import PYTHON_ONLY, Columns, Traced
 
 MODES = (RESET, STEP, STEP)
 MOST_ROWS = 64  # where worlds have more, steps of outlast's own systems would take too long as Python
-MOST_LINES = 100_000  # of Python that users' systems run
+MOST_LINES = 100_000  # lines of Python run by users' systems
 TRIED: dict[Any, None] = {}  # the games that were tried
 KEPT = 256  # the most games that are remembered
 NOTE = "Raised by {} in a trial: the first ticks of a world, as Python and with random actions."
@@ -49,9 +49,9 @@ def try_out(layout: MemoryLayout, systems: Sequence[System], key: Any) -> None:
     """Check users' systems in a game, with its systems in order, unless one with an equal key was tried before.
 
     Raises:
-        EngineError: A system does what its parameter list does not declare, or what cannot be meant.
-        IndexError: It takes an index out of range.
-        Exception: What it raises itself, with a note.
+        EngineError: A system does something undeclared, or something that must be a slip.
+        IndexError: A system uses an index out of range.
+        Exception: Any exception of a system, with a note.
     """
     if key in TRIED:
         return
@@ -76,7 +76,7 @@ def try_out(layout: MemoryLayout, systems: Sequence[System], key: Any) -> None:
 
 
 def python_refusal(system: System) -> str:
-    """Return why a system cannot run as Python in a compiled process; "" if it can."""
+    """Return the reason why a system cannot run as Python in a compiled process; "" if it can."""
     kernel: Any = system.kernel
     for function in reachable(getattr(kernel, "py_func", kernel), lambda inner: True):
         for name, value in references(function):
@@ -94,7 +94,7 @@ def _runs(layout: MemoryLayout, system: System) -> bool:
 
 
 def _play(layout: MemoryLayout, systems: Sequence[System], traced: Mapping[str, Traced]) -> None:
-    """Take a world through a few ticks, with random actions. An error of outlast's own systems only ends that."""
+    """Take a world through a few ticks, with random actions. An error of outlast's own systems only ends the trial."""
     tables, generator = Tables(layout, 1), np.random.default_rng(0)
     tables[Clock].seed[:] = 1
     units = [unit for segment in segments(layout, systems, python=True) for unit in segment.units]
@@ -121,7 +121,7 @@ def _play(layout: MemoryLayout, systems: Sequence[System], traced: Mapping[str, 
                 elif not isinstance(error, EngineError):
                     owned = unit.label in traced and (isinstance(error, IndexError) or _is_raised(error.__traceback__))
                     if not owned:
-                        return  # of outlast's own, or about numbers and types, of which machine code has other rules
+                        return  # of outlast's own, or about numbers and types, where machine code has different rules
                 error.add_note(NOTE.format(unit.label))
                 raise error from error.__cause__
 
@@ -134,9 +134,9 @@ def _is_raised(trace: TracebackType | None) -> bool:
 
 
 def _limited(codes: Collection[CodeType], left: list[int]) -> Any:
-    """Return a context that raises _TooLong once more lines of these have run than are left.
+    """Return a context that raises _TooLong once these have run more lines than are left.
 
-    Without effect if there are none, or if a debugger or a measurement of coverage looks on.
+    Without effect if there are none, or under a debugger or a measurement of coverage.
     """
 
     def trace(frame: Any, event: str, value: Any) -> Any:
@@ -155,11 +155,11 @@ def _limited(codes: Collection[CodeType], left: list[int]) -> Any:
 
 
 def _silent(*values: Any, **options: Any) -> None:
-    """Print nothing: the system will, when it runs for good."""
+    """Print nothing: the system prints when it runs in earnest."""
 
 
 def _check_events(system: System, used: Columns) -> None:
-    """Refuse columns of events that are used while nothing asks which events there are."""
+    """Refuse columns of events that are used without looking at the count of events."""
     for parameter in system.parameters:
         for event in parameter.components if parameter.kind in ("read", "write") else ():
             columns = {name for component, name in used if component is event}
@@ -172,7 +172,7 @@ def _check_events(system: System, used: Columns) -> None:
 
 
 def _check_coupled(system: System, written: Columns, behind: Iterable[str]) -> None:
-    """Refuse columns that are written without those that have to fit them. behind: later systems of the reset."""
+    """Refuse columns that are written without those that must fit them. behind: later systems of the reset."""
     for component, name in sorted(written, key=lambda column: (column[0].__qualname__, column[1])):
         for coupled in component.coupled:
             lacking = [each for each in coupled.needs if (component, each) not in written]

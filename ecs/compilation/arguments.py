@@ -4,11 +4,11 @@ An array takes ARRAY_SLOTS slots: its address, the stride from world to world in
 number takes one slot. `ArgumentLayout` assigns the slots while the source of a tick is generated; an `ArgumentBlock`
 has the values for one batch of worlds and one thread.
 
-In the tick, array_view, table_view and number_view turn slots into what kernels take. A tick makes about a hundred
-arrays per world, and slices of numpy arrays would change reference counts atomically for each; these views own nothing,
-as the Worlds that own the memory outlive the call. Their LLVM code is built field by field, as numba's constructors
-would take seconds to compile for so many; the compiler removes the fields that a kernel does not use. Each view is made
-only once in a process, as numba keeps every intrinsic for ever.
+In the tick, array_view, table_view and number_view turn slots into the arguments of kernels. A tick creates about a
+hundred arrays per world, and slices of numpy arrays would change reference counts atomically for each; these views own
+nothing, since the Worlds that own the memory outlive the call. Their LLVM code is built field by field: numba's
+constructors would take seconds to compile for so many. The compiler removes the fields that a kernel does not use. Each
+view is created only once in a process, since numba keeps every intrinsic for ever.
 """
 
 import ctypes
@@ -31,11 +31,11 @@ from ..kernels.array_types import CheckedColumn, ColumnType
 from ..memory.column_places import ALIGN
 from ..memory.tables import Tables, aligned
 
-MAX_DIMENSIONS = 4  # the most axes of a column in one world
+MAX_DIMENSIONS = 4  # maximum axes of a column in one world
 ARRAY_SLOTS = 2 + MAX_DIMENSIONS
 STRIDE, BLOCK = 0, 1  # bytes of a world's state; the states as uint64
-MODE, EVENTS = BLOCK + ARRAY_SLOTS, BLOCK + 2 * ARRAY_SLOTS  # each world's mode; how many events it has
-AHEAD, LINES, COUNT = range(EVENTS + ARRAY_SLOTS, EVENTS + ARRAY_SLOTS + 3)  # what is prefetched, see compiled_step
+MODE, EVENTS = BLOCK + ARRAY_SLOTS, BLOCK + 2 * ARRAY_SLOTS  # each world's mode; number of events of each kind
+AHEAD, LINES, COUNT = range(EVENTS + ARRAY_SLOTS, EVENTS + ARRAY_SLOTS + 3)  # lines to prefetch, see compiled_step
 SLOT = ir.IntType(64)
 Array = np.ndarray[Any, Any]
 
@@ -53,7 +53,7 @@ class ArgumentLayout:
     def add_array(self, find: Callable[[Any], Array], by_world: bool = True) -> int:
         """Return the array that `find` returns for the Worlds.
 
-        by_world: whether kernels get the part that is one world's.
+        by_world: whether kernels get only the part of one world.
         """
         return self._add(self.arrays, (find, int(by_world)), ARRAY_SLOTS)
 
@@ -64,7 +64,7 @@ class ArgumentLayout:
     def add_number(self, value: int | float, name: str = "") -> int:
         """Return an int, or a float that is read as float32.
 
-        name: that of a mechanic's number, "module_number"; else "".
+        name: full name of a mechanic's number, "module_number"; otherwise "".
         """
         return self._add(self.numbers, (name, value), 1)
 
@@ -80,14 +80,14 @@ class ArgumentLayout:
 
 
 class ServiceMemory:
-    """The memory of services, which the units of a thread share; it is made when first asked for."""
+    """The memory of services, which the units of a thread share; created at the first request."""
 
     def __init__(self, dims: Mapping[str, int]) -> None:
         self._dims = dims
         self._made = dict[Service, list[Array]]()
 
     def arrays(self, service: Service) -> list[Array]:
-        """Return a service's arrays, each at the start of a cache line, and with one behind it, for kernels.simd."""
+        """Return a service's arrays, each at the start of a cache line and followed by another, for kernels.simd."""
         if service not in self._made:
             self._made[service] = [
                 aligned(each.nbytes).view(each.dtype).reshape(each.shape) for each in self._first(service)
@@ -96,7 +96,7 @@ class ServiceMemory:
         return self._made[service]
 
     def restore(self) -> None:
-        """Make all arrays what they were at first, as a system that has failed may have left any in between."""
+        """Reset all arrays to their first content, since a failed system may have left any state."""
         for service in self._made:
             self._fill(service)
 
@@ -115,7 +115,7 @@ class ArgumentBlock:
         self.slots = np.zeros(layout.size, np.int64)
         self.address = int(self.slots.ctypes.data)
         self.slots[STRIDE] = worlds.layout.world_bytes
-        self._kept = list[Array]()  # as the slots have only their addresses
+        self._kept = list[Array]()  # kept alive, since the slots have only their addresses
         self._describe(BLOCK, worlds.block.view(np.uint64), 1)
         self._describe(MODE, worlds.mode, 0)
         self._describe(EVENTS, worlds.event_memory.counts, 1)
@@ -131,18 +131,18 @@ class ArgumentBlock:
         self.set_numbers(worlds.changed)
 
     def set_numbers(self, changed: Mapping[str, int | float]) -> None:
-        """Write all numbers into their slots. changed: present values of numbers that have changed, by full name."""
+        """Write all numbers into their slots. changed: present values of changed numbers, by full name."""
         for slot, (name, value) in self._numbers.items():
             value = changed.get(name, value)
             self.slots[slot] = np.float32(value).view(np.int32) if isinstance(value, float) else value
 
     def fetch(self, address: int, lines: Array) -> None:
-        """Let the unit prefetch cache lines of later worlds: with world 0, at these offsets from an address."""
+        """Make the unit prefetch cache lines of later worlds: with world 0, at these offsets from an address."""
         self._kept.append(lines := np.ascontiguousarray(lines, np.int64))
         self.slots[[AHEAD, LINES, COUNT]] = address, lines.ctypes.data, len(lines)
 
     def _describe(self, slot: int, array: Array, axes: int) -> None:
-        """Fill the slots of an array. axes: 1 if its first axis is the worlds, 0 if it is the same for all of them."""
+        """Fill the slots of an array. axes: 1 if its first axis is the worlds, 0 if all worlds share it."""
         self._kept.append(array)
         shape = array.shape[axes:]
         stride = array.strides[0] if axes else 0
@@ -151,19 +151,19 @@ class ArgumentBlock:
 
 @dataclass(frozen=True)
 class View:
-    """A kernel's view of an array. What is None is read from the slots, and is no part of the machine code."""
+    """A kernel's view of an array. None: read from the slots, not part of the machine code."""
 
     dtype: np.dtype[Any]
     ndim: int  # in one world
     writable: bool = False
-    checked: bool = False  # whether its indices are, for kernels from outside of outlast (see kernels.array_types)
+    checked: bool = False  # whether indices are checked, for kernels from outside of outlast (see kernels.array_types)
     shape: tuple[int, ...] | None = None  # in one world
     place: tuple[int, int] | None = None  # its offset in the state of a world, and the size of that state, in bytes
     values: bytes | None = None  # of all its elements
 
     @property
     def name(self) -> str:
-        """Its name in the source of units, which says what it is."""
+        """Its name in the source of units, which describes it."""
         parts = [self.dtype.str[1:], str(self.ndim), "w" if self.writable else "r", *map(str, self.shape or ())]
         if self.values is not None:
             parts.append(hashlib.sha256(self.values).hexdigest()[:12])
@@ -178,7 +178,7 @@ class View:
 
 @functools.cache
 def array_view(view: View, python: bool) -> Any:
-    """Return a function (arguments, slot, w) -> the array at `slot`, for world w."""
+    """Return a function (arguments, slot, w) -> array at `slot` for world w."""
     if python:
         return lambda arguments, slot, w: _python_array(arguments.slots, slot, w, view)
     return _from_slots(view.type, functools.partial(_array, view=view, packed=False))
@@ -238,16 +238,16 @@ def _from_slots(kind: Any, generate: Callable[..., Any]) -> Any:
 
 
 def _load_slot(builder: Any, slots: Any, slot: Any) -> Any:
-    """Load a slot. As nothing writes slots while a tick runs, the compiler may load them whenever it suits."""
+    """Load a slot. Slots do not change during a tick, so the compiler may load them at any time."""
     word = builder.load(builder.gep(slots, [slot]))
     word.set_metadata("invariant.load", builder.module.add_metadata([]))
     return word
 
 
 def _array(context: Any, builder: Any, slots: Any, start: Any, w: Any, view: View, packed: bool) -> Any:
-    """Return numba's array structure for world w, from the slots at `start` and from what `view` knows.
+    """Return numba's array structure for world w, from the slots at `start` and from `view`.
 
-    Packed columns share one stride, so that it is loaded and multiplied once for all of them.
+    Packed columns share one stride, which is loaded and multiplied once for all of them.
     """
     kind = view.type
     model = context.data_model_manager[kind]
@@ -282,7 +282,7 @@ def _array(context: Any, builder: Any, slots: Any, start: Any, w: Any, view: Vie
 
 
 def _constant(builder: Any, values: bytes) -> Any:
-    """Return the address of bytes in the machine code, which a cache line follows, for kernels.simd."""
+    """Return the address of bytes in the machine code, followed by a cache line, for kernels.simd."""
     padded = bytearray(values) + bytes(ALIGN)
     variable = cgutils.global_constant(builder, "constant", cgutils.make_bytearray(padded))
     variable.align = ALIGN

@@ -1,8 +1,8 @@
-"""The compile cache: it finds the machine code of units in memory or on disk, or compiles it, on all cores if it may.
+"""The compile cache: machine code of units is found in memory or on disk, or compiled, on all permitted cores.
 
 Of processes that begin at the same time, such as those of a vector environment, one compiles while the others wait.
-Units that another scenario, process or version of this game has compiled are loaded (cache_key says what their machine
-code depends on); an edit compiles the units of the systems that it touches.
+Units that another scenario, process or version of this game has compiled are loaded (see cache_key for their
+dependencies); an edit recompiles the units of the systems that it touches.
 """
 
 import contextlib
@@ -29,18 +29,18 @@ from .compile_errors import explained
 from .tick import Unit
 
 ADDRESSES: dict[str, int] = {}  # addresses of loaded units, by key
-DIGESTS: WeakKeyDictionary[Any, str] = WeakKeyDictionary()  # what the digests of kernels were when numba compiled them
+DIGESTS: WeakKeyDictionary[Any, str] = WeakKeyDictionary()  # digests of kernels at the time when numba compiled them
 LOCK = threading.RLock()
 LOGGER = logging.getLogger("outlast")
 REPORT = 10.0  # seconds between messages of progress
 UNITS_PER_PROCESS = 4  # compiling fewer takes less time than starting a process
-FORK_MEMORY = 192 * 2**20  # bytes; 100 MiB were measured, beside what a fork shares with its parent
+FORK_MEMORY = 192 * 2**20  # bytes; 100 MiB were measured, besides the memory shared with the parent
 ENDING = (signal.SIGINT, signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM))  # signals that end a fork
 CURE = "OUTLAST_CACHE_DIR can name another folder"
 
 
 class CompiledUnits:
-    """The compiled units of a tick, and functions that Python calls. For what it raises, see CacheKey.
+    """The compiled units of a tick, and functions for Python. For errors, see CacheKey.
 
     Args:
         units: All units of the tick.
@@ -48,7 +48,7 @@ class CompiledUnits:
         parts: Kernels of three int64 arguments by label, which machine code calls by their address, like units.
 
     Attributes:
-        compiled: Labels of what `load` did not find: it was compiled here, or by other processes.
+        compiled: Labels that `load` did not find: compiled here, or by other processes.
     """
 
     def __init__(self, units: Sequence[Unit], functions: Mapping[str, Any], parts: Mapping[str, Any]) -> None:
@@ -60,7 +60,7 @@ class CompiledUnits:
         self._keys |= {label: self._cache_key.key(label, "") for label in self._functions}
         self._units = {unit.label: unit for unit in units}
         self.compiled: list[str] = []
-        self._found: dict[str, Code] = {}  # what `missing` has read for `load`
+        self._found: dict[str, Code] = {}  # code that `missing` has read for `load`
 
     @property
     def missing(self) -> list[str]:
@@ -70,7 +70,7 @@ class CompiledUnits:
         return [label for label in pending if not self._read(label, folders)]
 
     def load(self) -> None:
-        """Load what is not loaded yet, and compile what is not on disk either. Raises what numba raises."""
+        """Load all units, and compile those that are not on disk. Raises errors of numba."""
         with LOCK:
             if missing := self.missing:
                 self.compiled += missing
@@ -97,7 +97,7 @@ class CompiledUnits:
         return as_python(self.address(label))
 
     def _read(self, label: str, folders: Iterable[Path]) -> Code | None:
-        """Return the machine code of a unit that is found on disk or was compiled."""
+        """Return the machine code of a unit from disk or from this process."""
         name = cache_files.file_name(label, self._keys[label])
         for folder in folders:
             if label not in self._found and (code := cache_files.read(folder / name)):
@@ -105,12 +105,12 @@ class CompiledUnits:
         return self._found.get(label)
 
     def _urgency(self, label: str) -> tuple[bool, int]:
-        """Return a sort key: systems from outside of outlast first, as they may have errors; then the large ones."""
+        """Return a sort key: systems from outside of outlast first, which may have errors; then the large ones."""
         unit = self._units.get(label)
         return not (unit and unit.system and unit.system.outside), -self._cache_key.size(label)
 
     def _discard_outdated(self) -> None:
-        """Discard numba's results for kernels that have changed since, or that refer to something that has."""
+        """Discard numba's results for kernels that have changed, or that refer to something changed."""
         for kernel, digest in self._cache_key.kernel_digests():
             if getattr(kernel, "overloads", None) and DIGESTS.get(kernel) != digest:
                 kernel._make_finalizer()()
@@ -158,7 +158,7 @@ class CompiledUnits:
 def _spread(labels: Sequence[str], work: Callable[[str], None], fork: bool = True) -> None:
     """Call `work` for each label, in this process and, if possible, in forks; each takes the next label from a pipe.
 
-    The results of a fork are only on disk. What a fork fails at stays undone.
+    The results of a fork are only on disk. Labels at which a fork fails remain.
     """
     fork &= sys.platform == "linux" and threading.active_count() == 1  # others could hold a lock that a fork waits for
     processes = min(_cores(), len(labels) // UNITS_PER_PROCESS) if fork else 1
@@ -177,7 +177,7 @@ def _spread(labels: Sequence[str], work: Callable[[str], None], fork: bool = Tru
                 children.append(_fork(take))
         take()
         while children:
-            with contextlib.suppress(ChildProcessError):  # SIGCHLD is ignored, or other code has waited for it
+            with contextlib.suppress(ChildProcessError):  # SIGCHLD is ignored, or other code has waited for the child
                 os.waitpid(children[-1], 0)
             children.pop()
     finally:
@@ -191,17 +191,17 @@ def _spread(labels: Sequence[str], work: Callable[[str], None], fork: bool = Tru
 
 def _fork(work: Callable[[], None]) -> int:
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # Python and JAX warn of threads; of Python's, none run
+        warnings.simplefilter("ignore")  # Python and JAX warn of threads; no Python thread is running
         child = os.fork()
     if child == 0:
         status = 1
         try:
             for number in signal.valid_signals():
-                if callable(signal.getsignal(number)):  # the program's, which would run twice
+                if callable(signal.getsignal(number)):  # a handler of the program would run twice
                     signal.signal(number, signal.SIG_DFL if number in ENDING else signal.SIG_IGN)
             logging.disable()
             warnings.simplefilter("ignore")
-            gc.freeze()  # what is never searched for garbage is not copied
+            gc.freeze()  # memory without garbage collection is not copied
             work()
             status = 0
         finally:
@@ -210,5 +210,5 @@ def _fork(work: Callable[[], None]) -> int:
 
 
 def _cores() -> int:
-    """Return how many processes may compile: as many as cores, and as fit into memory."""
+    """Return the number of processes that may compile, limited by cores and memory."""
     return 1 + int(min(available_cores() - 1, available_memory() // FORK_MEMORY))

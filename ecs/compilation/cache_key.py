@@ -1,8 +1,8 @@
 """The compile cache's key: a hash of everything that the machine code of a system depends on.
 
-Numba's own key depends only on the file of the function: not on those of the kernels that it calls, on functions
+Numba's own key depends only on the file of the function: not on the files of kernels that it calls, on functions
 without a file (in notebooks, in closures), on globals that are frozen into machine code, or on numba's flags. Here all
-references are followed, and one that cannot be followed is an error. Docstrings and line numbers do not count.
+references are followed; one that cannot be followed is an error. Docstrings and line numbers do not count.
 """
 
 import functools
@@ -47,9 +47,9 @@ SETTINGS = (  # of numba, in any of its versions: those that change machine code
 
 
 class CacheKey:
-    """Kernels by the labels of systems, one or several each, and all that they refer to, as hashes.
+    """Kernels by the labels of systems, one or several each, and all their references, as hashes.
 
-    DeclarationError if a system refers to a random generator, or to something whose changes could not be noticed.
+    DeclarationError if a system refers to a random generator, or to an object whose changes cannot be detected.
     """
 
     def __init__(self, kernels: Mapping[str, Any]) -> None:
@@ -62,23 +62,23 @@ class CacheKey:
             self._roots[self._label] = [self._add(kernel, self._label) for kernel in called]
 
     def key(self, label: str, source: str) -> str:
-        """Hash of a system's kernels, of its unit's source, and of what all machine code depends on."""
+        """Hash of a system's kernels, of its unit's source, and of the dependencies of all machine code."""
         return hashlib.sha256(f"{self._engine} {self._digest(self._roots[label])} {source}".encode()).hexdigest()[:24]
 
     @functools.cached_property
     def _engine(self) -> str:
-        """Return what all machine code depends on: versions, options, settings of numba, and the processor."""
-        reload_config()  # numba, too, reads the variables of the environment anew before it compiles
+        """Return the dependencies of all machine code: versions, options, settings of numba, and the processor."""
+        reload_config()  # numba also rereads the environment before it compiles
         processor = cpu_target.target_context.codegen().magic_tuple()
         settings = [repr(getattr(numba.config, name, None)) for name in SETTINGS]
         return f"{_versions()} {sorted(OPTIONS.items())} {processor} {settings}"
 
     def size(self, label: str) -> int:
-        """Return the bytes of the bytecode that machine code is made from: the more, the longer compiling takes."""
+        """Return the size of the bytecode in bytes: compile time grows with it."""
         return sum(len(function.__code__.co_code) for function in self._closure(self._roots[label]))
 
     def kernel_digests(self) -> Iterator[tuple[Any, str]]:
-        """Yield every kernel, and a hash of what its own machine code depends on."""
+        """Yield every kernel, and a hash of the dependencies of its own machine code."""
         for function, kernel in self._dispatchers.items():
             yield kernel, self._digest([function])
 
@@ -89,7 +89,7 @@ class CacheKey:
         return digest.hexdigest()
 
     def _closure(self, roots: Iterable[FunctionType]) -> Iterator[FunctionType]:
-        """Yield the functions and all that they call, each once."""
+        """Yield the functions and all functions that they call, each once."""
         ahead, seen = list(roots), set()
         while ahead:
             function = ahead.pop()
@@ -99,7 +99,7 @@ class CacheKey:
                 yield function
 
     def _add(self, target: Any, name: str) -> FunctionType:
-        """Add a function, an intrinsic's definition or a kernel, and its references; returns the Python function."""
+        """Add a function, an intrinsic's definition or a kernel, and its references. Return the Python function."""
         function: FunctionType = getattr(target, "py_func", target)
         if function is not target:
             self._dispatchers[function] = target
@@ -114,11 +114,11 @@ class CacheKey:
         return function
 
     def _describe(self, function: FunctionType, name: str, value: Any) -> Iterator[str]:
-        """Return what is no constant, as text; a function that becomes or generates machine code is added."""
+        """Describe a value that is not a constant; functions that become or generate machine code are added."""
         if isinstance(value, numba.types.ExternalFunction):
             yield f"{name}={value.symbol}{value.sig}"
         elif isinstance(value, type) and issubclass(value, BaseException):
-            yield f"{name}={value.__qualname__}"  # a kernel may raise it, and does nothing else with it
+            yield f"{name}={value.__qualname__}"  # a kernel can only raise it
         elif isinstance(value, type) and issubclass(value, tuple) and hasattr(value, "_fields"):
             yield f"{name}={value.__qualname__}{value._fields}"
             defaults = tuple(vars(value)["_field_defaults"].values())
@@ -155,7 +155,7 @@ class CacheKey:
 
 @functools.cache
 def _versions() -> str:
-    """Return the code of the modules that generate code; their files may be bytecode or in an archive."""
+    """Return the code of the modules that generate code; their files may be bytecode, or in an archive."""
     digest = hashlib.sha256(f"{numba.__version__} {llvmlite.__version__} {np.__version__}".encode())
     module: Any
     for module in GENERATORS:

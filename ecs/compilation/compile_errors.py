@@ -1,4 +1,4 @@
-"""Errors while a system is compiled, in a line or two: where, what, and what to do about it."""
+"""Errors of compiling a system, in one or two lines: place, problem and cure."""
 
 import contextlib
 import re
@@ -22,7 +22,7 @@ PLACE = re.compile(
 )
 GENERATED = "<outlast unit "  # see compilation.tick.Unit
 COLOURS = re.compile(r"\x1b\[[0-9;]*m")  # numba colours its messages if colorama is installed
-NOISE = [  # patterns in numba's sentences, and what stands there instead
+NOISE = [  # patterns in numba's sentences, and their replacements
     (r"Function\(<.*?(\w+)(?: at 0x[0-9a-f]+)?['>]*\)", r"\1"),
     (r"Checked(array|readonly)", r"\1"),
     (r"Type of variable '\$\S+' cannot be determined.*", "the type of a part of this line cannot be determined"),
@@ -32,7 +32,7 @@ NOISE = [  # patterns in numba's sentences, and what stands there instead
     ),
     (r"\.? ?Raised from .*$", ""),
 ]
-CURES = {  # what numba's sentence begins with: what helps
+CURES = {  # by the beginning of numba's sentence
     "No implementation of function": "take other types or another function; numbers can be cast, as in np.float32(x)",
     "the type of a part": "split the line into several; an assignment (:=) goes ahead of a chain of comparisons",
     "liveness info missing": "does a loop in it never end?",
@@ -56,15 +56,15 @@ def explained(system: System | None) -> Iterator[None]:
         if "Cannot modify readonly array" in text:
             what = "writes an array that its parameter list declares as Read; declare it Write"
             raise ScheduleError(f"{where} {what}") from error
-        if CUT in text:  # no advice to run it as Python, where it is as wrong
+        if CUT in text:  # running it as Python would not help: it is wrong there, too
             raise DeclarationError(f"{where} {first_sentence(error)}") from error
         raise DeclarationError(f"{where} cannot be compiled: {first_sentence(error)}\n{AS_PYTHON}") from error
 
 
 def first_sentence(error: BaseException) -> str:
-    """Return the first sentence of numba's message, without the candidates that it tried and the calls that led there.
+    """Return the first sentence of numba's message, without the candidates tried and the calls that led there.
 
-    The name of its type follows for another error than numba's. What helps is added if it is in CURES.
+    For errors of other packages, the name of the type follows. A cure from CURES is added.
     """
     lines = [line.strip() for line in _text(error).splitlines()]
     lines = [line for line in lines if line and not line.startswith("Failed in ")]
@@ -81,7 +81,7 @@ def first_sentence(error: BaseException) -> str:
 def places(error: BaseException) -> list[tuple[str, int]]:
     """Return file and line of the calls that led to an error, innermost first, as far as numba recorded them."""
     found = [each for each in PLACE.findall(_text(error)) if each[0] != "unknown location"]
-    if not found:  # the error is no message of numba's: take the line that its code was at work on
+    if not found:  # not an error message of numba: take the line that its code was processing
         owners = (frame.f_locals.get("self") for frame, _ in traceback.walk_tb(error.__traceback__))
         locations = [loc for loc in (getattr(owner, "loc", None) for owner in owners) if isinstance(loc, Loc)]
         found = [(loc.filename, loc.line) for loc in reversed(locations)]
@@ -90,7 +90,7 @@ def places(error: BaseException) -> list[tuple[str, int]]:
 
 
 def of_numba(file: str) -> bool:
-    """Return whether a file is one of numba's, be it of the installation that compiled what is in the cache."""
+    """Return whether a file belongs to numba, also to the installation that compiled the cached code."""
     folder, parts = Path(numba.__file__).parent, Path(file).parts
     return any(part == "numba" and folder.joinpath(*parts[k:]).is_file() for k, part in enumerate(parts, 1))
 

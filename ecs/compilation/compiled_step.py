@@ -1,9 +1,9 @@
 """The tick and the step in machine code: one call from Python for any number of worlds.
 
-A step checks and takes actions, runs the tick, and finds out which episodes are over (`step`). The tick takes a few
-worlds at a time through all units (`run_units`, see compilation.tick). The state of these worlds stays in the
-processor's cache. Each unit also prefetches a part of the state of the next ones, a few cache lines for each
-of its worlds: more lines at once would wait for each other. Lines that no tick touches are left out.
+A step checks and takes actions, runs the tick, and determines which episodes are over (`step`). The tick runs a few
+worlds at a time through all units (`run_units`, see compilation.tick), so that their state stays in the processor's
+cache. Each unit also prefetches a part of the state of the next worlds, a few cache lines for each of its worlds: more
+lines at once would wait for each other. Lines that no tick touches are left out.
 """
 
 from ..kernels.jit import kernel, loader, storer
@@ -12,20 +12,20 @@ from ..memory.episode import RESET, SKIP, STEP
 from .arguments import AHEAD, STRIDE
 
 WHOLE_STEP, RUN = "step", "run_units"  # labels
-NO_RESULT, DONE_UNIT = -2, 0  # statuses of compiled functions that raised nothing
+NO_RESULT, DONE_UNIT = -2, 0  # statuses of compiled functions without an exception
 UNITS, FAILED, FIRST_WORLD, EXCEPTION, STEP_BLOCK, CHUNK, MODES, TABLE = range(8)  # words of a frame, see run_units
 ENTRY_WORDS = 3  # of each unit in the table
 NONE = -1  # the word FAILED, if no unit has failed
 BEGIN, TICK, FINISH, CUT_SHORT = (1 << k for k in range(4))  # parts of a step; the last: finish a tick that failed
 WORDS = (  # of the block of a step, int64
-    *("worlds", "rows", "columns"),  # counts; rows: who acts in a world; columns: how many actions each has
+    *("worlds", "rows", "columns"),  # counts; rows: acting entities of a world; columns: actions of each
     # 1 or 0, whether to: check ranges; reset worlds that ended; begin the next episode at once
     *("ranges", "resets", "at_once"),
     # int64 (worlds, rows, columns); (columns,): how many values; which of them means 0
     *("actions", "sizes", "zeros"),
-    *("taken", "taken_bytes"),  # actions as the tick reads them, (columns, worlds, rows); bytes of each action
+    *("taken", "taken_bytes"),  # actions for the tick, (columns, worlds, rows); bytes of each action
     *("where", "mode", "running", "ended", "stopped", "faulty"),  # a byte for each world
-    # lists of columns, and how many are in them: those that end an episode, and those that report a fault
+    # lists of columns and their lengths: columns that end an episode, and that report a fault
     *("ends", "end_columns", "faults", "fault_columns"),
 )
 PLACES = range(0, 8 * len(WORDS), 8)  # offset of each word, in bytes
@@ -41,7 +41,7 @@ write, write_byte, write_short, write_int = map(storer, ("int64", "int8", "int16
 
 @kernel
 def check(block: int) -> int:
-    """Check a step, and set the modes: SKIP where `where` is 0. Returns why it is refused, and changes nothing then."""
+    """Check a step, and set the modes: SKIP where `where` is 0. Return the reason of a refusal, then unchanged."""
     worlds, columns, where = read(block + WORLDS), read(block + COLUMNS), read(block + WHERE)
     running, ended, stopped = read(block + RUNNING), read(block + ENDED), read(block + STOPPED)
     rows = worlds * read(block + ROWS)
@@ -54,7 +54,7 @@ def check(block: int) -> int:
             if read_byte(where + w) and read_byte(ended + w) | read_byte(stopped + w):
                 return HAS_ENDED
     if read(block + RANGES):
-        outside = 0  # errors are collected, so that no action needs a branch
+        outside = 0  # errors are collected, to avoid a branch for each action
         for first in range(0, rows, TILE):
             for k in range(columns):
                 most = read(sizes + 8 * k) - 1
@@ -90,7 +90,7 @@ def take(block: int, start: int, stop: int) -> None:
 
 @kernel
 def gather(columns: int, count: int, worlds: int, found: int) -> int:
-    """Set `found` to 1 for worlds in which a byte of one of the columns is not 0, else to 0; whether there are any."""
+    """Set `found` to 1 for worlds in which a byte of one of the columns is not 0, else to 0. Return whether any is."""
     for w in range(worlds):
         write_byte(found + w, 0)
     some = 0
@@ -130,11 +130,11 @@ def finish(block: int, complete: bool) -> int:
 def run_units(frame: int, start: int, stop: int) -> int:
     """Return the tick of the worlds from `start` to `stop`, in machine code; in a step, also take their actions.
 
-    A frame has int64 words, see the names above: the number of units; the index of the one that raised an exception, or
-    NONE, the first of its worlds, and the exception; the block of the step, 0 if there is none; how many worlds go
+    A frame has int64 words, see the names above: the number of units; the index of the unit that raised an exception,
+    or NONE, the first of its worlds, and the exception; the block of the step, 0 for none; the number of worlds that go
     through all units together; the address of the modes; and for each unit the address of its function and of its
-    arguments, and whether it does nothing but in resets, of which there are none in most calls. Returns 1 if a unit
-    raised an exception, else 0.
+    arguments, and whether it only runs in resets, which most calls do not have. Returns 1 if a unit raised an
+    exception, otherwise 0.
     """
     units, chunk, block = read(frame + 8 * UNITS), read(frame + 8 * CHUNK), read(frame + 8 * STEP_BLOCK)
     modes = read(frame + 8 * MODES)
@@ -160,7 +160,7 @@ def run_units(frame: int, start: int, stop: int) -> int:
 
 @kernel
 def begin_fetch(arguments: int, first: int) -> int:
-    """Return the address of the state of the world that comes a chunk after `first`, even if there is no such world."""
+    """Return the address of the state of the world a chunk after `first`, even if that world does not exist."""
     return int(read(arguments + 8 * AHEAD) + first * read(arguments + 8 * STRIDE))
 
 
@@ -173,18 +173,18 @@ def fetch(world: int, offsets: int, count: int) -> None:
 
 @kernel
 def step(frame: int, function: int, argument: int, worlds: int, block: int, parts: int) -> int:
-    """Do some parts of a step, or all. An address is 0 if it is of no part of these.
+    """Run some parts of a step, or all. Unused addresses are 0.
 
     Args:
         frame: See run_units.
-        function: The address of what takes all worlds through the tick: run_units, or one that spreads it over threads.
+        function: The address of the function of the tick: run_units, or one that spreads it over threads.
         argument: Its first argument.
-        worlds: How many there are.
+        worlds: Number of worlds.
         block: See WORDS.
-        parts: BEGIN: check the step, and take its actions. TICK. FINISH: see `finish`; with CUT_SHORT, a tick that was.
+        parts: BEGIN: check the step, take its actions. TICK. FINISH: see `finish`; with CUT_SHORT, if the tick failed.
 
     Returns:
-        What `check` returns, if that is not 0; -1 if a system raised an exception; otherwise what `finish` returns.
+        The result of `check`, if not 0; -1 if a system raised an exception; otherwise the result of `finish`.
     """
     if parts & BEGIN:
         refused = check(block)

@@ -1,4 +1,4 @@
-"""The schedule: phases in order of time, systems within a phase by what they declare. Ambiguity is an error."""
+"""The schedule: phases in order of time, systems within a phase by their declarations. Ambiguity is an error."""
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -48,14 +48,14 @@ class Schedule:
 def order(
     systems: Iterable[System], present: Iterable[type[Component]], chains: Sequence[Sequence[str]] = ()
 ) -> Schedule:
-    """Put the systems of a scenario, which has the components `present`, in order, whatever order they come in.
+    """Return the schedule of a scenario's systems, given in any order; the scenario has the components `present`.
 
-    chains: labels of systems or names of mechanics; in each chain, every one runs before the next.
+    chains: labels of systems or names of mechanics; each one of a chain runs before the next.
 
     Raises:
         ScheduleError: Two systems have one label or one random stream; a system needs a component that nothing brings;
-            `after`, `before` or a chain names something unknown or in another phase, or they form a circle; two systems
-            of a phase use a component in conflicting ways without saying which runs first; or a system reads an event
+            `after`, `before` or a chain has an unknown name or one of another phase, or they form a circle; systems
+            of a phase use a component in conflicting ways without an order; or a system reads an event
             that is emitted only later in the tick.
     """
     systems = sorted(systems, key=lambda system: system.label)
@@ -98,7 +98,7 @@ def _check_present(system: System, present: set[type[Component]]) -> None:
     for parameter in system.access:
         for component in parameter.components:
             if parameter.kind not in SELECTIONS.values() and component not in present:
-                cure = _bring(component, shared=issubclass(component, Event))  # whoever uses an event may bring it
+                cure = _bring(component, shared=issubclass(component, Event))  # any user of an event may bring it
                 raise ScheduleError(
                     f"{system.label} needs {component.__name__} (parameter '{parameter.name}'), but no module of this "
                     f"scenario brings it; {cure}, or leave {system.module} out"
@@ -108,7 +108,7 @@ def _check_present(system: System, present: set[type[Component]]) -> None:
 def _check_events(systems: Sequence[System], known: Sequence[System]) -> None:
     """Raise ScheduleError if a system reads an event before any system can emit it: the list would always be empty.
 
-    known: all systems, also those of mechanics that are left out, as one of them may emit the event in time.
+    known: all systems, also those of mechanics that are left out, since one of them may emit the event in time.
     """
     labels = {system.label for system in systems}
     events = {c for s in systems for p in s.access for c in p.components if issubclass(c, Event)}
@@ -130,7 +130,7 @@ def _check_events(systems: Sequence[System], known: Sequence[System]) -> None:
 
 
 def check_brought(systems: Iterable[System], brought: Collection[type[Component]]) -> None:
-    """Refuse a user's system that would run in no scenario, as no imported mechanic has a component of its entities.
+    """Refuse a user's system that could never run, because no imported mechanic has a component of its entities.
 
     A system whose `Rows` or `needs` name a component that is not `brought` here is left out, like the component itself.
     """
@@ -147,7 +147,7 @@ def check_brought(systems: Iterable[System], brought: Collection[type[Component]
 
 
 def _bring(component: type[Component], shared: bool = True) -> str:
-    """Explain in part of a message how a scenario gets the component. shared: not by adding a mechanic that has it."""
+    """Return a part of a message: how a scenario gets the component. shared: not by adding a mechanic that has it."""
     if not shared and (providers := Module.providers(_brings(component))):
         return f"add {providers}"
     if issubclass(component, Singleton):
@@ -156,7 +156,7 @@ def _bring(component: type[Component], shared: bool = True) -> str:
 
 
 def _brings(component: type[Component]) -> Callable[[Module], bool]:
-    """Return a function that tells whether a mechanic brings the component."""
+    """Return a check of whether a mechanic brings the component."""
 
     def brings(module: Module) -> bool:
         parts = [part for archetype in module.archetypes() for part in archetype.parts]
@@ -170,8 +170,8 @@ def _order_phase(
 ) -> list[System]:
     """Sort topologically by after/before, ties by label; then check that all conflicting pairs have an order.
 
-    known: the systems of the scenario and of all imported mechanics, to tell a typo in after/before from a mechanic
-    that is left out. errors: to this list, those of pairs without an order are added.
+    known: the systems of the scenario and of all imported mechanics, to distinguish a typo in after/before from a
+    mechanic that is left out. errors: a list to which errors of pairs without an order are added.
     """
     by_component = _asked(systems)
     earlier = _predecessors(systems, known, pairs, by_component)
@@ -197,9 +197,9 @@ def _order_phase(
 def _predecessors(
     systems: Sequence[System], known: Sequence[System], pairs: Iterable[tuple[str, str]], by_component: Asked
 ) -> dict[str, set[str]]:
-    """Return, by label of each system, the labels of those that are to run earlier.
+    """Return, by label of each system, the labels of those that must run earlier.
 
-    Labels, names and chains win: a component orders two systems only if those do not say the opposite.
+    Labels, names and chains have priority: a component orders two systems only if those do not contradict.
     """
     earlier: dict[str, set[str]] = {system.label: set() for system in systems}
     for system in systems:
@@ -211,9 +211,9 @@ def _predecessors(
     for first, second in pairs:
         for later in _stands_for(second, systems, known):
             earlier[later] |= _stands_for(first, systems, known) - {later}
-    said = {label: _all_earlier(label, earlier) for label in earlier}
+    named = {label: _all_earlier(label, earlier) for label in earlier}
     for first, second in by_component:
-        if second not in said[first] and (second, first) not in by_component:
+        if second not in named[first] and (second, first) not in by_component:
             earlier[second].add(first)
     return earlier
 
@@ -243,8 +243,8 @@ def _stands_for(name: str, systems: Sequence[System], known: Sequence[System]) -
     """Return labels of the `systems` that a label or a mechanic's name stands for.
 
     A label stands for its system, also if another mechanic inherits that system, or has the same one in its slot. A
-    mechanic's name stands for all systems of the mechanic that is in its slot. A name that is `known`, but not in the
-    scenario, stands for nothing.
+    mechanic's name stands for all systems of the mechanic in its slot. A `known` name that is not in the scenario
+    stands for nothing.
     """
     meant = [system for system in known if name in (system.label, system.module)]
     in_slot = [system for system in systems if system.slot in {each.slot for each in meant}]
@@ -273,7 +273,7 @@ def _listed(phases: Iterable[PhaseBase]) -> str:
 
 
 def _check_pair(pair: tuple[str, str], known: Sequence[System]) -> None:
-    """Raise ScheduleError if a link of a chain names something unknown, or two things that never share a phase."""
+    """Raise ScheduleError if a link of a chain has an unknown name, or two that never share a phase."""
     first, second = (_phases(name, f"the scenario orders '{name}'", known) for name in pair)
     if not first & second:
         raise ScheduleError(
@@ -283,7 +283,7 @@ def _check_pair(pair: tuple[str, str], known: Sequence[System]) -> None:
 
 
 def _asked(systems: Sequence[System]) -> Asked:
-    """Return the orders that components in after= and before= ask for."""
+    """Return the orders requested by components in after= and before=."""
     found = dict[tuple[str, str], set[str]]()
     for asking in systems:
         for other in (each for each in systems if each is not asking):
@@ -297,34 +297,34 @@ def _asked(systems: Sequence[System]) -> Asked:
 def _ambiguity(first: System, second: System, by_component: Asked, brief: bool) -> str:
     """Return the error for two systems of a phase that need an order and have none; "" if they need none.
 
-    brief: whether another error comes before, which has what can be done in general.
+    brief: whether another error comes before, which has the general cures.
     """
     if (shared := _conflict(first, second)) is None:
         return ""
     asked, other = (first, second) if first.outside and not second.outside else (second, first)
     cancelled = {(first.label, second.label), (second.label, first.label)} <= by_component.keys()
-    if cancelled:  # `other` may be what keeps a limit, as that of hit points, and is to stay last
+    if cancelled:  # `other` may keep a limit, such as that of hit points, and should stay last
         keyword = "before" if other.label in by_component[asked.label, other.label] else "after"
     else:
         keyword = "after" if other.touches(shared, "write", "add") else "before"
     cure = f'Say {keyword if cancelled else "after"}="{other.label}" on {asked.label} ('
-    named = shared in (*first.after, *first.before, *second.after, *second.before)  # which is not enough
+    named = shared in (*first.after, *first.before, *second.after, *second.before)  # naming it is not enough
     cure += ("" if named else f"or {keyword}={shared.__name__}, ") + "or the other way round)"
     if not brief:
         cure += (
             ", put one into another phase, or declare Add where both only add; "
-            f'where neither is yours, say scenario.ordered("{other.label}", "{asked.label}")'
+            f'where neither is yours, take scenario.ordered("{other.label}", "{asked.label}")'
         )
     return (
         f"the order of {first.label} and {second.label} in phase {first.phase.name} is ambiguous"
         + ("" if brief else f": both touch {shared.__name__} and one of them writes it")
-        + (", and what they say about components cancels out" if cancelled else "")
+        + (", and their orders by components cancel out" if cancelled else "")
         + f". {cure}"
     )
 
 
 def _conflict(first: System, second: System) -> type[Component] | None:
-    """Return a component for which the order of two systems matters; None if there is none."""
+    """Return a component for which the order of two systems matters; None if it does not matter."""
     for one in first.access:
         for two in second.access:
             if (one.kind, two.kind) not in CONFLICTS and (two.kind, one.kind) not in CONFLICTS:
@@ -338,8 +338,8 @@ def _conflict(first: System, second: System) -> type[Component] | None:
 
 
 def _fields(system: System, component: type[Component]) -> set[str]:
-    """Return names of a system's Offsets into an observation: it touches only these fields.
+    """Return the names of a system's Offsets into an observation: it touches only these fields.
 
-    Empty: it touches all of them.
+    Empty: it touches all fields.
     """
     return {name for (owner, _), names in system.offsets().items() if owner is component for name in names}

@@ -1,14 +1,14 @@
-"""The code generator: it makes each system of a schedule a function that takes a range of worlds through the system.
+"""The code generator: each system of a schedule becomes a function that runs it on a range of worlds.
 
     unit(arguments, first, last)
 
-loops over these worlds, makes the tables of each from the argument block (see arguments), and calls the system's
+loops over these worlds, creates the tables of each from the argument block (see arguments), and calls the system's
 kernel. The block holds data only: the mode of each world (SKIP, STEP or RESET), the addresses of columns, of lists of
-rows and of scratch memory, and the mechanics' numbers. So a unit's source, for which it has an argument layout of its
-own, depends on its own system only, and the compile cache keeps machine code for a system, not for a scenario.
+rows and of scratch memory, and the mechanics' numbers. The source of a unit has its own argument layout and depends on
+its own system only, so the compile cache keeps machine code for a system, not for a scenario.
 
-Each iteration also prefetches memory of a later world. run_units is the tick: it takes a few worlds at a time
-through all units. A system that runs as Python splits the tick into several such calls (`segments`).
+Each iteration also prefetches memory of a later world. run_units is the tick: it runs a few worlds at a time through
+all units. A system that runs as Python splits the tick into several such calls (`segments`).
 """
 
 import functools
@@ -70,13 +70,13 @@ from .arguments import (
 from .compiled_step import begin_fetch, fetch
 
 IDLE = {When.RESET: "mode[w] != 2", When.STEP: "mode[w] != 1", When.ALWAYS: "mode[w] == 0"}
-MOST_VALUES = 64  # the largest constant array whose values become part of machine code
+MOST_VALUES = 64  # maximum size of a constant array whose values become part of machine code
 CLOCK, DRAW, ROLES = "clock", "numbers", "roles"  # labels of the units that come first
 
 
 @dataclass(frozen=True, eq=False)
 class Unit:
-    """A system as a function of a range of worlds, or a function of the engine's own, such as the clock."""
+    """A system as a function of a range of worlds, or a function of the engine, such as the clock."""
 
     label: str
     system: System | None  # None for the engine's own
@@ -84,9 +84,9 @@ class Unit:
     names: dict[str, Any]  # the objects that its source refers to
     arguments: ArgumentLayout
     compiled: bool  # or it runs as Python
-    only_at_reset: bool  # it does nothing in other ticks
-    needed: str  # what is added to the message of its exceptions; no part of the machine code
-    kernels: tuple[Any, ...]  # the one that it calls, and those of the services that it takes
+    only_at_reset: bool  # it does nothing in ticks without resets
+    needed: str  # text added to its exceptions; not part of the machine code
+    kernels: tuple[Any, ...]  # the kernel that it calls, and those of its services
 
     def function(self) -> Any:
         """Return the Python function; debuggers and tracebacks find its source."""
@@ -100,8 +100,8 @@ class Generator:
     """A generator of units, by its methods.
 
     python: whether it runs as Python. outside: whether its system is from outside of outlast. specialize: whether
-    shapes, places and lists of rows become part of its machine code. tables: the views that were made for tables of
-    this layout, which generators share.
+    shapes, places and lists of rows become part of its machine code. tables: the views of tables of this layout, which
+    generators share.
     """
 
     def __init__(
@@ -119,7 +119,7 @@ class Generator:
         self.names: dict[str, Any] = {"np": np}
         self.arguments = ArgumentLayout()
         self.slots: dict[str, int] = {}
-        self._owners: dict[str, Any] = {}  # what each name in the source stands for
+        self._owners: dict[str, Any] = {}  # the object of each name in the source
         self.outside: dict[str, None] = {}  # lines ahead of the loop over worlds
         self.inside: dict[str, None] = {}  # lines at the start of its body
         self.behind: list[str] = []  # lines at its end
@@ -149,7 +149,7 @@ class Generator:
         return self._unit(ROLES, draw_of_agents, When.RESET, arguments)
 
     def _numbers(self, owner: type[Component]) -> list[str]:
-        """Return the words of numbers as int32 and as float32, and the whole state as int32 and as uint8."""
+        """Return the words of numbers as int32 and as float32, and the state as int32 and as uint8."""
         return [
             self._view_of("values", lambda worlds: worlds[owner][0], "i4", writable=True),
             self._view_of("reals", lambda worlds: worlds[owner][0].view(np.float32), "f4", writable=True),
@@ -168,7 +168,7 @@ class Generator:
         return self._unit("show numbers", show, When.ALWAYS, arguments)
 
     def clear(self, number: Number, component: type[Component], column: str) -> Unit:
-        """Return the unit that sets the rows of absent entities to 0 in a column that learners get."""
+        """Return the unit that sets the rows of absent entities to 0 in a column for learners."""
         arguments = [self._column_as("rows", component, column, axes=2), self._view_of("count", *_words_of(number))]
         return self._unit(f"clear {_full_name(component, column)}", clear_rows, When.ALWAYS, arguments)
 
@@ -273,7 +273,7 @@ class Generator:
         return self._number(value, parameter.name, full)
 
     def _service(self, module: Module, system: System, parameter: Parameter) -> str:
-        """Return what a service makes of its parts: a value, or memory of the thread that it fills or clears."""
+        """Return the result of a service: a value, or memory of the thread that it fills or clears."""
         service: Any = parameter.service
         parts = [self._argument(module, system, part) for part in parameter.parts]
         name = f"service_{parameter.name}"
@@ -376,7 +376,7 @@ class Generator:
         slot = self.arguments.add_scratch(module, parameter)
         if not self.compiled:
             return f"arguments.scratch[{slot}]"
-        memory = module.scratch(parameter, self.layout.dims)  # made only to learn its type
+        memory = module.scratch(parameter, self.layout.dims)  # created only for its type
         if not (isinstance(memory, np.ndarray) and memory.flags.c_contiguous and memory.ndim <= MAX_DIMENSIONS):
             raise DeclarationError(
                 f"{module.name}.scratch({parameter!r}) returned {type(memory).__name__}: an array in order of rows (C) "
@@ -404,7 +404,7 @@ class Generator:
         return name
 
     def _table_view(self, component: type[Component], writable: bool) -> tuple[Any, str]:
-        """Return a table's view, and a text with all that decides on its machine code, for the cache's key."""
+        """Return a table's view, and a text of everything that determines its machine code, for the cache's key."""
         views = tuple(self._column(component, column, writable) for column in component.columns)
         kinds = zip(component.columns, views, strict=True)
         types = ", ".join(" ".join([column, view.name, *map(str, view.place or ())]) for column, view in kinds)
@@ -432,8 +432,8 @@ def _column_of(component: type[Component], column: str, worlds: Tables) -> Any:
 def check_range(values: Any, rows: Any, low: int, high: int) -> None:
     """Raise RangeError unless all integers of these rows, (rows, numbers of a row), are in the range.
 
-    Other systems use them as indices or bits without a check, so an impossible one would make them read and write
-    memory that is not meant.
+    Other systems use them as indices or bits without a check, so an impossible one would make them access the wrong
+    memory.
     """
     for k in range(rows.size):
         for c in range(values.shape[1]):
@@ -442,7 +442,7 @@ def check_range(values: Any, rows: Any, low: int, high: int) -> None:
 
 
 def _full_name(component: type[Component], column: str) -> str:
-    """Return the name of a column; the key, if it is published, tells apart classes that one function has made."""
+    """Return the name of a column; the key, if published, distinguishes classes from one function."""
     key = component.columns[column].key
     return f"{component.__module__}.{component.__qualname__}.{column}" + (f" ({key})" if key else "")
 
@@ -473,7 +473,7 @@ def segments(
     """Generate the units of a tick of these systems, in order.
 
     interpret: labels of systems to run as Python; python: all of them. specialize: whether the machine code is for this
-    layout alone.
+    layout only.
     """
     modules, tables = {module.name: module for module in layout.modules}, dict[Any, tuple[Any, str]]()
 
@@ -495,7 +495,7 @@ def segments(
         if some_absent and system.outside and system.touches(Entity, "write", "add"):
             units.append(new().check_absent(system))
     if paid := [component for component in layout.components if issubclass(component, Signal)]:
-        units.append(new().zero(paid, When.RESET))  # no action has led to the tick that starts an episode
+        units.append(new().zero(paid, When.RESET))  # the tick that starts an episode has no actions
     if NumbersView in layout.components:
         units.append(new().show())
     units += [new().clear(*each) for each in published_rows(layout)]
@@ -516,7 +516,7 @@ def _written_outside(
 ) -> Iterator[tuple[type[Component], System]]:
     """Yield components of a kind that only systems from outside of outlast write, each with the first of these.
 
-    They may leave observations of the last episode, and may just add to signals.
+    They may leave old observations in place, and may only add to signals.
     """
     for component in layout.components:
         if issubclass(component, kind):
@@ -537,9 +537,9 @@ def _ranges(layout: MemoryLayout, system: System) -> Iterator[tuple[type[Compone
 def in_python(
     units: Sequence[Unit], worlds: Tables, memory: ServiceMemory | None = None
 ) -> Iterator[tuple[Unit, ArgumentBlock, Callable[[], None]]]:
-    """Yield units with their arguments, and a function that takes all worlds through each as Python.
+    """Yield units with their arguments, and a function that runs each on all worlds as Python.
 
-    memory: That of services; None: a new one.
+    memory: Memory of services; None: a new one.
     """
     memory = memory or ServiceMemory(worlds.dims)
     for unit in units:

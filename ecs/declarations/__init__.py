@@ -1,4 +1,4 @@
 """Declarations of mechanics: components, events, fields, access, systems, phases, numbers, archetypes, roles.
 
-A declaration is checked when it is made, by itself, and refers to no batch of worlds.
+A declaration is checked by itself when it is created, and does not refer to a batch of worlds.
 """

@@ -3,26 +3,27 @@
 =============== =====================================================================================
 annotation      the kernel receives, for one world
 =============== =====================================================================================
-Read[C]         the table of component C, read-only: a kernel that writes it is refused (checks.trial)
+Read[C]         the table of component C, read-only: writing to it is an error (checks.trial)
 Write[C]        the table of C, to read and write
-Add[C]          the table of C, only ever added to: column[...] += integer, or -=; anything else is refused. Sums of
+Add[C]          the table of C, for sums only: column[...] += integer, or -=; anything else is an error. Sums of
                 integers do not depend on the order, so systems that add may run in any order
-Rows[A, B]      int32 rows of the entities whose archetype has all of A, B; if there are none, the system is not
+Rows[A, B]      int32 rows of the entities whose archetype has all of A, B; without any, the system is not
                 scheduled (so an item mechanic takes Rows[Item] even if it does not need the list)
 Bitset[A, B]    the same as a bitset: an int32 for each block of 16 rows; bit j of block b is row 16 b + j (see simd)
-RowIndex[A, B]  the inverse of Rows[A, B], int32 by row: the row's index in Rows[A, B], -1 if it is not there
+RowIndex[A, B]  the inverse of Rows[A, B], int32 by row: the row's index in Rows[A, B], -1 for other rows
 Random          the key of this system's random stream in this world, episode and tick
 Scratch         memory of this thread, from the module's scratch()
-Offset          the first column of an observation's field, which the parameter's name says, KEY_FIELD: own_stamina is
-                for the field "stamina" in the rows "own". Next to Read or Write of the observation, Offsets say that
-                the system touches only these fields; systems that touch different fields may run in any order
+Offset          the first column of an observation's field, named by the parameter, KEY_FIELD: own_stamina is
+                for the field "stamina" in the rows "own". Next to Read or Write of the observation, Offsets
+                declare that the system touches only these fields; systems that touch different fields may run
+                in any order
 int float bool  the module's number of the same name, or another module's by its full name, as in physics_rate: float
 tuple[float..]  the same for several numbers, as a read-only float32 array
-... | None      one of the first six, or None in a scenario that lacks the component; also in a Service. What
-                `if table is not None:` guards is then no part of the machine code, if `table` is a parameter, so what
-                a scenario does without costs it nothing
+... | None      one of the first six, or None in a scenario that lacks the component; also in a Service. If `table`
+                is a parameter, code guarded by `if table is not None:` is then not part of the machine code
+                and costs nothing
 Label           the number of the module's label of a kind, as Annotated[int, Label("damage_type")]: see there
-Service         what is made of other parameters, as Annotated[..., Service(function)]: see there
+Service         a value made of other parameters, as Annotated[..., Service(function)]: see there
 =============== =====================================================================================
 """
 
@@ -89,15 +90,15 @@ class Parameter:
     type: type = object  # the type of a number: int, float, bool or tuple
     optional: bool = False  # whether the kernel takes None where the scenario lacks the component
     service: "Service | None" = None
-    parts: tuple["Parameter", ...] = ()  # what the service is made of
+    parts: tuple["Parameter", ...] = ()  # the service's own parameters
     label: str = ""  # the class attribute of a Label
 
     def with_parts(self) -> tuple["Parameter", ...]:
-        """Return the parameter and, if it is a service, those that the service is made of."""
+        """Return the parameter and, for a service, its own parameters."""
         return self, *(replace(p, name=f"{self.name}.{p.name}") if p.components else p for p in self.parts)
 
     def among(self, brings: Callable[["Parameter"], bool]) -> "Parameter":
-        """Return what it is in a scenario of which `brings` says what a parameter finds there."""
+        """Return the parameter in a scenario: `brings` returns whether a parameter has its component there."""
         if self.optional and not brings(self):
             return Parameter(self.name, "none")
         return replace(self, parts=tuple(part.among(brings) for part in self.parts)) if self.parts else self
@@ -105,13 +106,13 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Label:
-    """A kind of names that mechanics have, which systems get as numbers: Kind = Annotated[int, Label("damage_type")].
+    """A kind of names of mechanics, which systems get as numbers: Kind = Annotated[int, Label("damage_type")].
 
     The number of a mechanic's label is its index among those of all mechanics of a scenario in alphabetical order, see
-    Layout.labels. How many there are is the dimension of the plural, "damage_types".
+    Layout.labels. Their count is the dimension of the plural, "damage_types".
 
     Args:
-        attribute: The class attribute of mechanics that holds it; a mechanic may lack it.
+        attribute: The class attribute of mechanics with the label; a mechanic may lack it.
     """
 
     attribute: str
@@ -125,21 +126,21 @@ class Label:
 class Service:
     """A parameter that the engine makes out of other parameters: Seconds = Annotated[Real, Service(length)].
 
-    Without `memory`, the system gets what `function` returns.
+    Without `memory`, the system gets the result of `function`.
 
-    With `memory`, it gets a named tuple of arrays, which is the first argument of `function`, and is filled by it ahead
-    of each system that takes the service, in each world; without `function`, by the system. It is memory of the thread,
-    which stays in its fastest cache, and no part of a world's state. A field of the tuple that is called like a
-    parameter of `function` is that parameter, so that the first kernel that needs the memory can fill it; `function`
-    then runs `behind` each system, and clears what has been filled.
+    With `memory`, it gets a named tuple of arrays, the first argument of `function`, which fills it before each system
+    that takes the service, in each world; without `function`, the system fills it. It is memory of the thread, which
+    stays in its fastest cache, and not part of a world's state. A field of the tuple with the name of a parameter of
+    `function` is that parameter, so that the first kernel that needs the memory can fill it; `function` then runs
+    `behind` each system, and clears the filled parts.
 
     Args:
-        function: A function that kernels can call. Its parameters, behind the named tuple, are annotated like those of
+        function: A function that kernels can call. Its parameters after the named tuple are annotated like those of
             systems: Read, Rows, Bitset, RowIndex, and numbers.
-        memory: From sizes by name of the dimension, the named tuple, with None in place of parameters. Numbers do not
-            enter into it.
-        behind: Whether `function` runs behind each system, not ahead. A store ahead of a system would keep the compiler
-            from loading the addresses of columns where they are needed only.
+        memory: A function from sizes by dimension to the named tuple, with None for parameters. Numbers do not
+            affect it.
+        behind: Whether `function` runs after each system, not before. A store before a system would prevent the
+            compiler from loading the addresses of columns only where they are needed.
     """
 
     function: Callable[..., Any] | None = None
@@ -166,7 +167,7 @@ class Service:
         object.__setattr__(self, "parameters", found)
 
     def arrays(self, memory: Any) -> dict[str, Array]:
-        """Return the fields of the memory that are no parameters. DeclarationError if one is neither."""
+        """Return the fields of the memory that are not parameters. DeclarationError if one is neither."""
         named = {each.name for each in self.parameters}
         found = {name: value for name, value in memory._asdict().items() if name not in named}
         for name, value in found.items():
@@ -180,7 +181,7 @@ class Service:
 
 
 def parameters(function: Callable[..., Any], skip: int = 0) -> tuple[Parameter, ...]:
-    """Read the annotations of a function, without those of the first `skip` parameters.
+    """Read the annotations of a function, except those of the first `skip` parameters.
 
     Raises:
         DeclarationError: An annotation is not in the table above, a parameter has a default, or the function is a
@@ -209,7 +210,7 @@ def parameters(function: Callable[..., Any], skip: int = 0) -> tuple[Parameter, 
 
 
 def _parameter(name: str, hint: Any) -> Parameter | str:
-    """Return what an annotation says; or in words what it is, if that is impossible, and what to write instead."""
+    """Return the parameter of an annotation; for an invalid one, a description of it and of its replacement."""
     if get_origin(hint) in (Union, UnionType) and NoneType in get_args(hint):
         found = _parameter(name, next(each for each in get_args(hint) if each is not NoneType))
         if len(get_args(hint)) == 2 and isinstance(found, Parameter) and found.components:
@@ -243,7 +244,7 @@ def _parameter(name: str, hint: Any) -> Parameter | str:
         for part in get_args(hint):
             if not (isinstance(part, type) and issubclass(part, Component)) or issubclass(part, Singleton):
                 singleton = isinstance(part, type) and issubclass(part, Singleton)
-                why = "which is per world and has no rows" if singleton else "which is no component"
+                why = "which is per world and has no rows" if singleton else "which is not a component"
                 return (
                     f"{get_origin(hint).__name__}[{getattr(part, '__name__', part)}], {why}; the components of "
                     "entities are needed, as in Rows[Body]"

@@ -9,7 +9,7 @@ from ..kernels.errors import DeclarationError, NumberError
 from ..kernels.integers import is_whole
 from .component import Component, Ref, Singleton
 
-MOST = 2**16  # the most entities of a kind and the largest dimension: more takes gigabytes, or minutes to lay out
+MOST = 2**16  # maximum entities of a kind and size of a dimension: more takes gigabytes, or minutes to lay out
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class Archetype:
     Attributes:
         name: Unique among kinds.
         parts: The components of the kind, with their prefab values.
-        count: How many entities this module adds, or ref("count"), the number that says so.
+        count: Number of entities that this module adds, or ref("count"), a number of the module.
         alive: Whether they are in the world right after a reset. All modules that add entities of the kind must agree.
         order: Position of its rows: kinds are sorted by this number, those without one come last, and ties go by name.
             All modules that set it for a kind must give the same number.
@@ -41,9 +41,7 @@ class Archetype:
         if isinstance(count, Ref):
             return
         if not is_whole(count, 0):
-            raise NumberError(
-                f"Archetype({self.name!r}, ...) with the count {count!r:.60}: a whole number, 0 or more, is needed"
-            )
+            raise NumberError(f"Archetype({self.name!r}, ...) with the count {count!r:.60}: an integer >= 0 is needed")
         if self.count > MOST:
             raise NumberError(f"{self.count} entities of the kind {self.name!r}: at most {MOST} are possible")
         order: Any = self.order
@@ -79,26 +77,26 @@ def merge(parts: Iterable[Archetype]) -> dict[str, Archetype]:
             raise DeclarationError(
                 f"modules give '{part.name}' the orders {before.order} and {part.order}; let one of them leave it out"
             )
-        said = alive.setdefault(part.name, set())
+        begins = alive.setdefault(part.name, set())
         if part.count or not part.alive:
-            said.add(part.alive)
-        if len(said) > 1:
+            begins.add(part.alive)
+        if len(begins) > 1:
             raise DeclarationError(
-                f"one module has '{part.name}' in the world right after reset, and another one says alive=False: all "
+                f"one module has '{part.name}' in the world right after reset, but another one alive=False: all "
                 "of a kind begin alike; leave it out, or give them a name of their own"
             )
         merged[part.name] = Archetype(
             part.name,
             before.parts + part.parts,
             before.count + part.count,
-            False not in said,
+            False not in begins,
             next(iter(orders), None),
             before.roles or part.roles,
         )
     for name, kind in merged.items():
         merged[name] = replace(kind, parts=_with_required(_with_brought(name, kind.parts)))
     if len(agents := [name for name, kind in merged.items() if kind.roles]) > 1:
-        raise DeclarationError(f"{' and '.join(agents)} are both the agents that can have roles: let one kind say so")
+        raise DeclarationError(f"{' and '.join(agents)} both set roles: only one kind can be the agents with roles")
     places = {name: math.inf if kind.order is None else kind.order for name, kind in merged.items()}
     return {name: merged[name] for name in sorted(merged, key=lambda name: (places[name], name))}
 

@@ -7,11 +7,11 @@ base       rows        meaning
 ========== =========== ==========================================================================
 Component  one/entity  state of an entity; a table column has shape (worlds, capacity, ...)
 Singleton  one/world   state of a world;   a table column has shape (worlds, ...)
-Action     one/world   what the learner sets, float-free, shape (worlds, agents, ...)
-Observation one/world  what the learner sees, shape (worlds, agents, ...)
-Signal     one/world   what the learner gets beside the observation: rewards, ends
-Statistic  one/world   what is counted over an episode and reported at its end
-Event      one/world   a list of what happened in a tick (see declarations.event)
+Action     one/world   input of the learner, without floats, shape (worlds, agents, ...)
+Observation one/world  output for the learner, shape (worlds, agents, ...)
+Signal     one/world   results for the learner beside the observation: rewards, ends
+Statistic  one/world   counts over an episode, reported at its end
+Event      one/world   a list of the events of a tick (see declarations.event)
 ========== =========== ==========================================================================
 
 An instance, `Health(points=20)`, is a prefab, not a live object: it holds the values of a new row. Every table has a
@@ -43,8 +43,8 @@ class Column:
     """One column: element type, trailing shape (names are dimensions of the scenario), prefab value and bounds.
 
     `key` is the name under which environments publish it (default: the attribute's name). `fields` name the numbers
-    along its last dimension, which is added to `dims` for them ("own fields" for the key "own"). `unit` is what it
-    measures. `below` is the dimension that it is an index of.
+    along its last dimension, which is added to `dims` for them ("own fields" for the key "own"). `unit` is its unit.
+    `below` is the dimension of the indices that it holds.
     """
 
     dtype: np.dtype[Any]
@@ -68,12 +68,12 @@ class Column:
         return tuple(dims[dim] if isinstance(dim, str) else dim for dim in self.dims)
 
     def range(self, dims: Mapping[str, int]) -> tuple[int, int] | None:
-        """Return the lowest and highest integer (or bool) allowed; None for floats, or if its type has no others."""
+        """Return the lowest and highest integer (or bool) allowed; None for floats, or if its type allows no others."""
         if self.dtype.kind not in "biu":
             return None
         whole = np.iinfo(np.uint8 if self.dtype == bool else self.dtype)
         index = self.below or INDICES.get(self.unit, "")
-        low = self.low if self.low > -np.inf or not index else 0 if self.below else -1  # -1 stands for none
+        low = self.low if self.low > -np.inf or not index else 0 if self.below else -1  # -1: none
         high = min(self.high, _size(index, dims) - 1, 1 if self.dtype == bool else np.inf)
         if low <= whole.min and high >= whole.max:
             return None
@@ -83,7 +83,7 @@ class Column:
 def _size(index: str, dims: Mapping[str, int]) -> float:
     """Return the number that an index stays below: a dimension, or a sum such as "slots + 1".
 
-    It is infinite if the scenario lacks the dimension, or if `index` is "", as the column is no index.
+    It is infinite if the scenario lacks the dimension, or if `index` is "", for a column without indices.
     """
     names = [name.strip() for name in index.split("+")]
     return sum(int(name) if name.isdigit() else dims.get(name, np.inf) for name in names)
@@ -108,22 +108,22 @@ def column(
         fill: Value of a new row.
         low: Inclusive lower bound, published in the spaces of environments. Lower integers are refused in states that
             are set and in columns that a system from outside outlast has written.
-        high: Inclusive upper bound, likewise.
+        high: Inclusive upper bound, with the same checks.
         key: Name under which environments publish it (default: the attribute's name).
-        fields: For an Observation: what its last dimension holds. Its length is that of these fields and of those that
-            other mechanics add. If the rows are copies of another observation's, the key of that one.
-        unit: What it measures, such as "m". With "entity" (a row), or another unit that `index_unit` declares, such as
-            "side", -1 means none, and indices that do not exist are refused like integers below `low`.
-        below: The dimension that it is an index of, from 0 or `low`, such as "boxes"; or a sum, such as "slots + 1".
+        fields: For an Observation: the fields of its last dimension; its length is theirs and that of fields that other
+            mechanics add. If the rows are copies of another observation's, the key of that one.
+        unit: Unit, such as "m". With "entity" (a row), or another unit that `index_unit` declares, such as
+            "side", -1 means none, and indices that do not exist are errors like integers below `low`.
+        below: The dimension whose indices it holds, from 0 or `low`, such as "boxes"; or a sum, such as "slots + 1".
     """
     return Column(np.dtype(dtype), dims, fill, low, high, key, fields, unit, below)
 
 
 def index_unit(unit: str, dimension: str) -> None:
-    """Let columns of a unit, such as "side", hold indices of a dimension, or -1 for none.
+    """Make columns of a unit, such as "side", hold indices of a dimension, or -1 for none.
 
     Raises:
-        DeclarationError: The unit is that of another dimension.
+        DeclarationError: The unit belongs to another dimension.
     """
     if (known := INDICES.setdefault(unit, dimension)) != dimension:
         raise DeclarationError(f"integers of unit {unit!r} are indices of '{known}', not of '{dimension}': rename one")
@@ -173,7 +173,7 @@ def snake_case(name: str) -> str:
 
 
 def table_type(cls: type["Component"]) -> Any:
-    """Make a namedtuple of the columns that is found by module and name, so that numba can cache functions using it."""
+    """Return a namedtuple of the columns that can be imported by name, so that numba can cache functions using it."""
     table = namedtuple("Table", list(cls.columns), module=cls.__module__)  # type: ignore[misc]
     table.__name__ = cls.__name__
     table.__qualname__ = f"{cls.__qualname__}.Table"
@@ -181,13 +181,13 @@ def table_type(cls: type["Component"]) -> Any:
 
 
 class Coupled(NamedTuple):
-    """Columns of a component that have to fit each other. A system that writes one of them without that is refused.
+    """Columns of a component that must fit each other. A system that writes one must write all it needs.
 
     Attributes:
-        columns: Whoever writes one of these ...
-        needs: ... has to write all of these.
+        columns: A system that writes one of these ...
+        needs: ... must write all of these.
         cure: How a system does that, in words.
-        computed_by: The system of resets, if any, that computes what is needed: those before it need not.
+        computed_by: The system of resets, if any, that computes the needed columns: systems before it need not.
     """
 
     columns: tuple[str, ...]
@@ -203,7 +203,7 @@ class Component:
     """
 
     columns: ClassVar[dict[str, Column]] = {}
-    requires: ClassVar[tuple[type["Component"], ...]] = ()  # an entity that has this gets these, too
+    requires: ClassVar[tuple[type["Component"], ...]] = ()  # an entity with this component also gets these
     coupled: ClassVar[tuple[Coupled, ...]] = ()
     Table: ClassVar[Any] = None
     order: ClassVar[int] = 0
@@ -223,8 +223,8 @@ class Component:
             cls.packed = packed
         if is_outside(cls) and (bare := [name for name in annotated_arrays(cls) if name not in columns]):
             raise DeclarationError(
-                f'{cls.__name__}.{bare[0]} is no column: declare it as in {bare[0]}: Array = column("f4"), or as a '
-                "ClassVar, if it is none"
+                f'{cls.__name__}.{bare[0]} is not a column: declare it as in {bare[0]}: Array = column("f4"), or as a '
+                "ClassVar, if it should not be one"
             )
         if cls.columns:
             base = next(base.__name__ for base in cls.__mro__[1:] if vars(base).get("columns"))
@@ -258,7 +258,7 @@ class Component:
                 f"{cls.__name__}.{named[0]} has fields, which only columns of an Observation have; make each a column"
             )
         for name in {name for coupled in cls.coupled for name in (*coupled.columns, *coupled.needs)} - columns.keys():
-            raise DeclarationError(f"{cls.__name__}.coupled: there is no column '{name}'; known: {', '.join(columns)}")
+            raise DeclarationError(f"{cls.__name__}.coupled: unknown column '{name}'; known: {', '.join(columns)}")
         cls.columns, cls.order = columns, order
         cls.Table = table_type(cls)
 
@@ -275,7 +275,7 @@ class Component:
         self.fills = fills
 
     def brings(self) -> tuple["Component", ...]:
-        """Return components that kinds with this one have, with values that follow from its own."""
+        """Return components that are added to kinds with this one, with values derived from its own."""
         return ()
 
     @classmethod
@@ -285,7 +285,7 @@ class Component:
 
 
 class Singleton(Component):
-    """State of a world as a whole. A column without dimensions has shape (worlds, 1)."""
+    """State of a world. A column without dimensions has shape (worlds, 1)."""
 
     def __init__(self, **fills: Any) -> None:
         if not self.columns:
@@ -330,7 +330,7 @@ class Action(Singleton, packed=False):
 class Observation(Singleton, packed=False):
     """An output that the learner sees, in buffers that environments return; the column's key is the observation's key.
 
-    Columns are float32, like the spaces of observations. `fields` declares what the numbers of a row are.
+    Columns are float32, like the spaces of observations. `fields` declares the numbers of a row.
     """
 
     def __init_subclass__(cls, order: int = 0, packed: bool | None = None) -> None:
@@ -346,7 +346,7 @@ class Observation(Singleton, packed=False):
 class Signal(Singleton, packed=False):
     """A result that the learner gets besides the observation: reward, terminated, truncated.
 
-    A signal that only a user's systems write is set to 0 in every tick before the first of them runs, so that they may
+    A signal that only a user's systems write is set to 0 in every tick before the first of them runs, so that they can
     add to it.
     """
 
@@ -365,14 +365,14 @@ class Statistic(Singleton):
 
 
 class Entity(Component):
-    """The engine's own component, which every row has. Systems that spawn or despawn entities write it."""
+    """A component of the engine that every row has. Systems that spawn or despawn entities write it."""
 
     alive: Array = column("u1", high=1)  # 1 while the entity is in the world
     identity: Array = column("i8", low=-1)  # stable number of (archetype, index), to index draws by; -1: absent
 
 
 class Clock(Singleton):
-    """The engine's own component, which every world has: the key of its random numbers."""
+    """A component of the engine that every world has: the key of its random numbers."""
 
     seed: Array = column("u8")
     world: Array = column("u8")
@@ -380,21 +380,21 @@ class Clock(Singleton):
     tick: Array = column("u8", high=2**62)  # ticks since reset: 0 in the tick that resets
 
 
-# ---- what stands in a declaration for a number of the mechanic, or for the number of an entity
+# ---- placeholders in declarations for a number of the mechanic, or for the number of an entity
 
 
 @dataclass(frozen=True)
 class Ref:
-    """A number of the mechanic that declares something, in place of the number's value."""
+    """A number of the declaring mechanic, instead of the number's value."""
 
     name: str
 
 
 def ref(name: str) -> Any:
-    """Name a number in a declaration, which then can differ between worlds or agents.
+    """Name a number in a declaration; the number can then differ between worlds or agents.
 
-    It stands for a whole value: that of a prefab, as in Health(points=ref("points")); the count of an Archetype; or the
-    size of a dimension that is a count of entities, as in {"boxes": ref("count")}.
+    It stands for a complete value: that of a prefab, as in Health(points=ref("points")); the count of an Archetype; or
+    the size of a dimension that is a count of entities, as in {"boxes": ref("count")}.
 
     Args:
         name: The number's name in the mechanic.
@@ -414,5 +414,5 @@ INDEX: Any = _Index()
 
 
 def index_of(value: Any, count: int) -> Any:
-    """Return a prefab value for `count` entities: what INDEX stands for, or the value itself."""
+    """Return a prefab value for `count` entities: the indices for INDEX, or the value itself."""
     return np.arange(count) if value is INDEX else value

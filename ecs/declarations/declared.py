@@ -1,8 +1,8 @@
-"""Declared entities, singletons and sizes, and which of its numbers these depend on.
+"""Declared entities, singletons and sizes, and the numbers of the mechanic that they depend on.
 
-A declaration names a number by `ref`, as in Health(points=ref("points")); then the number can vary, as the engine knows
-where to write it when an episode begins. A number that a declaration reads as an attribute is fixed when worlds are
-made: the methods are called on a copy of the mechanic that notes what is read.
+A declaration names a number by `ref`, as in Health(points=ref("points")); then the number can vary, since the engine
+knows where to write it when an episode begins. A number that a declaration reads as an attribute is fixed when worlds
+are made: the methods are called on a copy of the mechanic that records the numbers read.
 """
 
 import dataclasses
@@ -51,7 +51,7 @@ class Declared:
         dims: Sizes by dimension.
         prefabs: The prefab values that are numbers.
         kinds: By number, the kinds of entities that it counts.
-        sizes: By number, the dimensions whose size it is.
+        sizes: By number, the dimensions of that size.
         reads: By number that is read as an attribute, the method that reads it.
     """
 
@@ -66,7 +66,7 @@ class Declared:
 
     @cached_property
     def selects(self) -> set[str]:
-        """The numbers that decide which systems run."""
+        """The numbers that select the systems that run."""
         copy, reads = recording(self.module)
         list(copy.systems())
         return reads
@@ -101,13 +101,13 @@ class Declared:
         if given.name not in known:
             hint = did_you_mean(given.name, known) or f"it has: {', '.join(known) or 'none'}"
             raise DeclarationError(
-                f"{where} is ref({given.name!r:.60}), which is no number of {self.module.name}; {hint}"
+                f"{where} is ref({given.name!r:.60}), which is not a number of {self.module.name}; {hint}"
             )
         return self.module.value(given.name)
 
 
 def declare(module: Module) -> Declared:
-    """Return what a mechanic declares. DeclarationError if it is something else than its methods have to return."""
+    """Return the declarations of a mechanic. DeclarationError if a method returns another type."""
     made = Declared(module)
     for archetype in _listed(made, "archetypes", Archetype):
         count: Any = archetype.count
@@ -129,7 +129,7 @@ def declare(module: Module) -> Declared:
 
 
 def _noted(made: Declared, method: str) -> Any:
-    """Return what a method of the mechanic returns, and note which numbers it reads."""
+    """Return the result of a method of the mechanic, and record the numbers that it reads."""
     copy, reads = recording(made.module)
     found = getattr(copy, method)()
     found = list(found) if isinstance(found, Iterator) else found  # a generator reads them now
@@ -155,7 +155,7 @@ def _listed(made: Declared, method: str, kind: type[Kind]) -> list[Kind]:
 
 
 class Elements(Sequence[float]):
-    """A number that is a tuple, in a recording copy: its length can be read, as it is the same in all worlds."""
+    """A number that is a tuple, in a recording copy. Reading its length is free: it is the same in all worlds."""
 
     def __init__(self, values: tuple[float, ...], name: str, reads: set[str]) -> None:
         self._values, self._name, self._reads = values, name, reads
@@ -185,7 +185,7 @@ def _plain(value: Any) -> Any:
 
 
 def recording(module: Module) -> tuple[Module, set[str]]:
-    """Return a copy of a mechanic, and the set of its numbers that have been read from the copy, which grows."""
+    """Return a copy of a mechanic, and the growing set of its numbers that have been read from the copy."""
     reads = set[str]()
     copy = object.__new__(_recording_class(type(module)))
     vars(copy).update(vars(module) | {RECORDS: reads})
@@ -193,7 +193,7 @@ def recording(module: Module) -> tuple[Module, set[str]]:
 
 
 def _recording_class(kind: type[Any]) -> type[Any]:
-    """Return a subclass whose instances note which numbers are read. It is kept in the class, and dies with it."""
+    """Return a subclass whose instances record the numbers read. It is stored in the class, and deleted with it."""
     if "_recording" not in vars(kind):
         numbers = frozenset(item.name for item in dataclasses.fields(kind))
 

@@ -10,7 +10,7 @@ from ..kernels.errors import NumberError
 from ..kernels.integers import is_whole
 
 UNIFORM, LOG_UNIFORM, INTEGERS, CHOICE, FREE = range(5)
-MOST = 2**16  # the most values of a choice
+MOST = 2**16  # maximum values of a choice
 LARGEST = float(np.finfo(np.float32).max)
 
 
@@ -20,8 +20,7 @@ class Distribution:
 
     Attributes:
         kind: UNIFORM, LOG_UNIFORM, INTEGERS, CHOICE or FREE.
-        values: The lowest and the highest value; for a choice, all values; for a free number, its value unless another
-            one is set.
+        values: The lowest and the highest value; for a choice, all values; for a free number, its default.
     """
 
     kind: int
@@ -119,13 +118,13 @@ def integers(low: int, high: int) -> Distribution:
 
 
 def choice(*values: Any) -> Distribution:
-    """Draw each of the values with equal probability; one listed twice is twice as likely. For numbers of any type.
+    """Draw each of the values with equal probability; a value listed twice is twice as likely. For numbers of any type.
 
     Args:
         *values: Values that the number can have, at least two.
 
     Raises:
-        NumberError: There are too few or too many values.
+        NumberError: The number of values is too small or too large.
     """
     if not 2 <= len(values) <= MOST:
         raise NumberError(
@@ -135,16 +134,16 @@ def choice(*values: Any) -> Distribution:
 
 
 def free(value: Any) -> Distribution:
-    """Draw nothing: the number is `value` unless a world is given another value of the same length.
+    """Declare no draw: the number is `value` unless a world is given another value of the same length.
 
     For tuples that are declared as free, such as the floor plan of Walls: with env.set_numbers and levels, worlds can
-    have any value that the mechanic accepts, rather than one from a fixed list.
+    have any value that the mechanic accepts, not only one of a fixed list.
 
     Args:
         value: A tuple of finite numbers.
 
     Raises:
-        NumberError: `value` is something else.
+        NumberError: `value` is of another type.
     """
     if isinstance(value, str) or not np.ndim(value) or not all(map(_is_real, value)):
         raise NumberError(f"free({value!r:.60}): a tuple of finite numbers is needed")
@@ -165,13 +164,13 @@ def _ends(name: str, low: Any, high: Any) -> tuple[float, float]:
 
 
 def in_python(value: Any) -> Any:
-    """Return a value without numpy's types, which JSON does not have; several values become a tuple."""
+    """Return a value without numpy's types, which JSON lacks; several values become a tuple."""
     found = value.tolist() if isinstance(value, (np.ndarray, np.generic)) else value
     return tuple(map(in_python, found)) if isinstance(found, (list, tuple)) else found
 
 
 def _same(given: Any, value: Any) -> bool:
-    """Return whether `given` is `value`, or both are the same float32, in which worlds keep floats."""
+    """Return whether `given` is `value`, or both are the same float32, the type of floats in worlds."""
     if isinstance(value, tuple):
         return isinstance(given, tuple) and len(given) == len(value) and all(map(_same, given, value))
     if isinstance(given, bool) or isinstance(value, (bool, str)):

@@ -1,4 +1,4 @@
-"""Events: what happened in a tick, as lists that systems write and anybody can read.
+"""Events: lists of the happenings of a tick, which systems write and any code can read.
 
     class Hit(Event, capacity="hits"):
         agent: Array = column("i4", unit="entity")
@@ -7,8 +7,8 @@
     k = emit(hits)  # in a system with the parameter hits: Write[Hit]
     hits.agent[k], hits.amount[k] = me, damage
 
-The engine empties all lists of a world at the start of its next tick, STEP or RESET, before any system runs. So later
-systems of the tick, and any code that runs between two ticks, find the events of that tick, in the order of systems.
+The engine empties all lists of a world at the start of its next tick, STEP or RESET, before any system runs. Later
+systems of the tick, and code that runs between two ticks, find the events of that tick, in the order of systems.
 """
 
 from collections.abc import Iterable
@@ -32,22 +32,21 @@ Array = np.ndarray[Any, Any]
 class Event(Singleton, packed=False):
     """A list of at most `capacity` entries for each world and tick. Columns are declared with the shape of one entry.
 
-    In a world, a column has shape (capacity, ...), and `count`, int32 (1,), says how many entries there are; anything
-    after them has no meaning. A column of unit "entity" holds a row, of "side" a side, of "damage type" its number; -1
-    is none.
+    In a world, a column has shape (capacity, ...), and `count`, int32 (1,), is the number of entries; values after them
+    have no meaning. A column of unit "entity" holds a row, of "side" a side, of "damage type" its number; -1 is none.
 
     Attributes:
         name: The class's name in snake case, unique in a scenario.
         capacity: A size, the name of a dimension, or a component: one entry for each entity that has it.
-        who: The column that tables of all events show as the entity that acted: `agent`, if it holds integers of unit
+        who: The column of the acting entity in tables of all events: `agent`, if it holds integers of unit
             "entity" or of none, unless the class names another.
-        whom: The column that they show as the entity acted upon: `target`, likewise.
+        whom: The column of the entity acted upon: `target`, under the same conditions.
 
     Raises:
         DeclarationError: The class has no columns or no capacity, or a name that is not allowed.
     """
 
-    count: Any  # the column that the engine adds
+    count: Any  # added by the engine
     name: ClassVar[str] = ""
     capacity: ClassVar[int | str | type[Component]] = 0
     who: ClassVar[str] = ""
@@ -64,24 +63,24 @@ class Event(Singleton, packed=False):
             )
         if capacity is None:
             raise DeclarationError(
-                f'{own} has no capacity: say how many there can be in a tick, as in (Event, capacity="agents")'
+                f'{own} has no capacity: give the maximum number in a tick, as in (Event, capacity="agents")'
             )
         given: Any = capacity
         kind = isinstance(given, type) and issubclass(given, Component)
         if not (is_whole(given, 1) or isinstance(given, str) or kind):
             raise DeclarationError(
-                f"{own} with the capacity {capacity!r:.60}: a whole number of at least 1, the name of a dimension or a "
+                f"{own} with the capacity {capacity!r:.60}: an integer >= 1, the name of a dimension or a "
                 "component is needed"
             )
         if taken := sorted({COUNT, *TIMES} & cls.columns.keys()):
-            raise DeclarationError(f"{own}: the engine has a column '{taken[0]}' of its own; call yours otherwise")
+            raise DeclarationError(f"{own}: the column '{taken[0]}' is reserved for the engine; rename yours")
         entities = [name for name, column in cls.columns.items() if _holds_entities(column)]
         for role, column in (("who", who), ("whom", whom)):
             if column not in (*cls.columns, "agent", "target"):
-                raise DeclarationError(f"{own}: {role}={column!r} is none of its columns: {', '.join(cls.columns)}")
+                raise DeclarationError(f"{own}: {role}={column!r} is not one of its columns: {', '.join(cls.columns)}")
             if column not in (*entities, "agent", "target"):
                 raise DeclarationError(
-                    f"{own}: {role}={column!r} is to hold entities; declare it as "
+                    f"{own}: {role}={column!r} must hold entities; declare it as "
                     f'{column}: Array = column("i4", unit="entity")'
                 )
         cls.name, cls.capacity = snake_case(cls.__name__), capacity
@@ -102,7 +101,7 @@ class Event(Singleton, packed=False):
 
 
 def _holds_entities(column: Column) -> bool:
-    """Return whether a column holds rows of entities, or may do so, as it does not say what it holds."""
+    """Return whether a column holds rows of entities, or may do so, as it has no unit."""
     return column.dtype.kind in "iu" and not column.dims and column.unit in ("entity", "")
 
 
@@ -117,7 +116,7 @@ def emit(events: Any) -> int:
         CapacityError: The list is full.
     """
     k = events.count[0]
-    events.count[0] = k + 1  # a count above the capacity tells `overflow` which list was full
+    events.count[0] = k + 1  # a count above the capacity marks the full list for `overflow`
     if k >= events[0].shape[0]:
         raise CapacityError("the list of an event is full")
     zero_entry(events, k)
@@ -145,7 +144,7 @@ def zero_entry(typing: Any, events: Any, k: Any) -> Any:
 
 
 def memory_type(events: Iterable[type[Event]], dims: dict[str, int]) -> np.dtype[Any]:
-    """Return the type of one world's events: all columns. The numbers of events are kept apart; see `EventMemory`."""
+    """Return the type of one world's events: all columns. Numbers of events are stored apart; see `EventMemory`."""
     columns: list[Any] = [
         (f"{event.name}.{name}", event.columns[name].dtype, event.row_shape(name, dims))
         for event in events
@@ -159,7 +158,7 @@ class EventMemory(NamedTuple):
     """The events of some worlds.
 
     Attributes:
-        counts: int32 (worlds, kinds), how many there are of each kind; as the counts of all worlds lie side by side,
+        counts: int32 (worlds, kinds), number of events of each kind; counts of all worlds are adjacent, so that
             looking for events loads few cache lines.
         lists: The events themselves, (worlds,) of `memory_type`.
     """
@@ -174,17 +173,17 @@ class EventMemory(NamedTuple):
 
 @kernel
 def clear(counts: Any) -> None:
-    """Empty the lists of one world; their entries stay as they are until `emit` reserves them again.
+    """Empty the lists of one world; their entries do not change until `emit` reserves them again.
 
     Args:
-        counts: int32, how many events there are of each kind.
+        counts: int32, number of events of each kind.
     """
     for k in range(counts.size):
         counts[k] = 0
 
 
 def zero_unused(kinds: Iterable[type[Event]], memory: EventMemory) -> None:
-    """Set the entries after the last one of each list to 0: whatever was there before is not part of a state."""
+    """Set the entries after the last one of each list to 0: their old content is not part of a state."""
     for k, event in enumerate(kinds):
         for name in event.columns:
             if name != COUNT:
@@ -232,7 +231,7 @@ def entries(
 
 
 def overflow(kinds: tuple[type[Event], ...], memory: EventMemory) -> tuple[int, type[Event], int] | None:
-    """Return world, event and capacity of a list that was full in a call of `emit`, and correct its count; or None."""
+    """Return world, event and capacity of a list that overflowed in a call of `emit`, and fix its count; or None."""
     for event in kinds:
         rows = table(event, kinds, memory)
         capacity = rows[0].shape[1]
@@ -246,12 +245,12 @@ def overflow(kinds: tuple[type[Event], ...], memory: EventMemory) -> tuple[int, 
 def capacity_error(
     kinds: tuple[type[Event], ...], memory: EventMemory, systems: Iterable[Any], ticks: Array
 ) -> CapacityError | None:
-    """Return the error for the list that overflowed; None if none did.
+    """Return the error for the list that overflowed; None without an overflow.
 
     Args:
         kinds: All kinds, in the order of the memory.
         memory: The events of all worlds.
-        systems: The systems of the tick; the message names those that emit the event.
+        systems: The systems of the tick; the message names the emitters.
         ticks: The tick of each world, integers (worlds,).
     """
     if (found := overflow(kinds, memory)) is None:
@@ -260,13 +259,13 @@ def capacity_error(
     writers = [s for s in systems if ("write", (kind,)) in ((p.kind, p.components) for p in s.parameters)]
     if isinstance(kind.capacity, str):
         cure = (
-            f"its capacity is the dimension '{kind.capacity}', to which every mechanic adds as many as it emits, "
+            f"its capacity is the dimension '{kind.capacity}', to which every mechanic adds its number of events, "
             f"as in def dims(self): return {{'{kind.capacity}': 'agents'}}"
         )
     elif isinstance(kind.capacity, int):
         cure = f"give it a larger one, as in class {kind.__name__}(Event, capacity={2 * most + 1})"
     else:
-        cure = f"its capacity is one for each entity with {kind.capacity.__name__}; declare another one if it is more"
+        cure = f"its capacity is one for each entity with {kind.capacity.__name__}; declare a larger one if needed"
     return CapacityError(
         f"world {w}, tick {int(ticks[w])}: more than {most} of the event {kind.__name__}, which "
         f"{' and '.join(system.label for system in writers)} {'emits' if len(writers) == 1 else 'emit'}: {cure}"

@@ -24,12 +24,12 @@ class Field:
     """A named number in each row of an observation, or `size` numbers that belong together, such as vertices.
 
     Attributes:
-        name: Unique among the fields of a key.
-        unit: Such as "m", "rad" or "hit points"; "" for numbers without a unit, such as ids.
-        scale: What to divide by to get about -1 to 1: a float; a declaration may also give a function of the Layout,
-            which then replaces it by its result.
+        name: Name, unique among the fields of a key.
+        unit: Unit, such as "m", "rad" or "hit points"; "" for numbers without a unit, such as ids.
+        scale: Divisor that gives values of about -1 to 1: a float; a declaration may also give a function of the
+            Layout, whose result replaces it.
         low: Inclusive lower bound; the `bounds` of mechanics may narrow it.
-        high: Inclusive upper bound, likewise.
+        high: Inclusive upper bound; may be narrowed in the same way.
         size: Number of columns: an int; a declaration may also give the name of a dimension, which the layout replaces
             by its size.
         order: Fields of a key are sorted by this number. Among equal ones, those that the column declares come first,
@@ -79,7 +79,7 @@ def width(fields: Mapping[str, Field]) -> int:
 
 
 def columns_of(fields: Mapping[str, Field], *names: str) -> Any:
-    """Return where some fields are in the last axis of an observation.
+    """Return the positions of some fields in the last axis of an observation.
 
     >>> place = observations["own"][..., columns_of(env.fields["own"], "x", "y")]
 
@@ -89,10 +89,10 @@ def columns_of(fields: Mapping[str, Field], *names: str) -> Any:
             adjacent (the indexed result is then a view).
 
     Raises:
-        KeyError: There is no such field.
+        KeyError: A field does not exist.
     """
     if missing := [name for name in names if name not in fields]:
-        raise KeyError(f"there is no field '{missing[0]}' here; there are: {', '.join(fields)}")
+        raise KeyError(f"unknown field '{missing[0]}'; known: {', '.join(fields)}")
     if len(names) == 1 and fields[names[0]].size == 1:
         return fields[names[0]].start
     found = [k for name in names for k in range(fields[name].start, fields[name].columns.stop)]
@@ -106,7 +106,7 @@ def column_names(fields: Mapping[str, Field]) -> list[str]:
 
 
 def offset(fields: Fields, name: str, label: str) -> int:
-    """Return the first column of the field that an Offset parameter, KEY_FIELD, is named after.
+    """Return the first column of the field named by an Offset parameter, KEY_FIELD.
 
     Args:
         fields: Layout.fields.
@@ -129,7 +129,7 @@ def offset(fields: Fields, name: str, label: str) -> int:
     keys = {key for _, key, _ in known if name.startswith(f"{key}_")}
     listed = [full for full, key, _ in known if key in keys] or names
     raise DeclarationError(
-        f"{label}: there is no field for the Offset '{name}' (KEY_FIELD, as in own_health)"
+        f"{label}: the Offset '{name}' does not name a field (KEY_FIELD, as in own_health)"
         + (did_you_mean(name, names, before="; ") or ";")
-        + f" There are: {', '.join(listed) or 'none'}"
+        + f" Known: {', '.join(listed) or 'none'}"
     )

@@ -1,4 +1,4 @@
-"""Questions of mechanics to the layout of a scenario, and to worlds that have it."""
+"""Protocols of the layout of a scenario, and of worlds that have it, for mechanics."""
 
 from collections.abc import Mapping
 from typing import Any, Protocol
@@ -11,7 +11,7 @@ from .roles import Roles
 
 
 class Layout(Protocol):
-    """The memory layout of a scenario's worlds, as its mechanics see it."""
+    """The memory layout of a scenario's worlds, in the form for mechanics."""
 
     @property
     def archetypes(self) -> Mapping[str, Archetype]:
@@ -31,7 +31,7 @@ class Layout(Protocol):
 
     @property
     def singletons(self) -> Mapping[type[Component], Singleton]:
-        """The per-world components of all mechanics, with their first values."""
+        """The per-world components of all mechanics, with their initial values."""
 
     @property
     def fields(self) -> Mapping[str, Mapping[str, Field]]:
@@ -39,11 +39,11 @@ class Layout(Protocol):
 
     @property
     def roles(self) -> Roles | None:
-        """The roles of agents, if there are any."""
+        """The roles of agents, or None."""
 
     @property
     def fewer(self) -> bool:
-        """Return whether numbers have values as in a world, whose counts may be smaller than what other worlds have."""
+        """Return whether numbers have the values of one world, whose counts may be smaller than in other worlds."""
 
     def rows(self, *components: type[Component]) -> Array:
         """Return the rows, int32, of all entities whose archetype has every one of `components`."""
@@ -55,7 +55,7 @@ class Layout(Protocol):
         """Return int32 (rows,): each row's index in `rows(*components)`, or -1 if it is not one of them."""
 
     def numbers(self, module: str) -> dict[str, Any]:
-        """Return the numbers of the mechanic of that name, or of a subclass of it, by name; {} if there is none."""
+        """Return the numbers of the mechanic of that name, or of a subclass of it, by name; {} if it is missing."""
 
     def prefab_values(self, component: type[Component], column: str) -> dict[str, Any]:
         """Return prefab values of a column (one, or one per entity) by name of the archetypes with the component."""
@@ -65,7 +65,7 @@ class Layout(Protocol):
 
 
 class WorldsView(Protocol):
-    """A batch of worlds between two ticks, as its mechanics see it."""
+    """A batch of worlds between two ticks, in the form for mechanics."""
 
     @property
     def layout(self) -> Layout:
@@ -79,7 +79,7 @@ class WorldsView(Protocol):
         """Return the table of a component, with columns (worlds, ...)."""
 
     def __contains__(self, component: type[Component]) -> bool:
-        """Return whether there are such tables."""
+        """Return whether the worlds have a table of the component."""
 
     def number(self, name: str) -> Any:
         """Return the value of a number in this episode; (worlds, ...) if they differ, (worlds, agents) if agents do."""

@@ -37,8 +37,8 @@ from .phase import PhaseBase
 from .system import Neighbour, System, check_twice, components, neighbours, redefines
 
 Function = TypeVar("Function", bound=Callable[..., Any])
-RECORDS = "_reads"  # the attribute of a copy that holds which numbers were read, see declarations.declared
-NEAR = 0.85  # a method whose name is this similar (1: equal) to that of a method of Module is taken for a slip
+RECORDS = "_reads"  # the attribute of a copy that holds the numbers read, see declarations.declared
+NEAR = 0.85  # a method whose name is this similar (1: equal) to that of a method of Module counts as a slip
 Bounds = tuple[Any, Any] | Mapping[str, tuple[Any, Any]]  # (low, high); for a key with fields, by the fields' names
 
 
@@ -51,13 +51,13 @@ class Module:
     Attributes:
         name: Unique in a scenario. By default the class's name in snake case.
         stream: Prefix of its random streams. By default the stream of the mechanic that it extends, or its name.
-        draws_level: Whether what it draws at resets makes every episode a level of its own, as a maze does. Worlds can
+        draws_level: Whether its draws at resets make every episode a level of its own, as for a maze. Worlds can
             then be given keys of random numbers (see Worlds.give_keys).
         registered: The systems of this class, without those of its bases.
 
     Raises:
         NumberError: A number is outside its range.
-        DeclarationError: A number is declared in a way that cannot work.
+        DeclarationError: The declaration of a number is invalid.
     """
 
     name: ClassVar[str] = ""
@@ -89,30 +89,30 @@ class Module:
 
     @classmethod
     def _check_constants(cls, numbers: list[str]) -> None:
-        """Raise DeclarationError for a plain value that looks like a number of the mechanic, but is none."""
+        """Raise DeclarationError for a plain value that looks like a number of the mechanic."""
         known = {*inspect.get_annotations(Module), *inspect.get_annotations(cls), *Label.kinds}
         for name, value in vars(cls).items():
             if isinstance(value, (int, float, str, tuple)) and not (name in known or name.startswith("_")):
                 kind, hint = type(value).__name__, did_you_mean(name, numbers, after=" A") or "a"
                 raise DeclarationError(
-                    f"{cls.__name__}.{name} = {value!r:.60} is no other default of an inherited number; {hint} new "
+                    f"{cls.__name__}.{name} = {value!r:.60} is not a new default of an inherited number; {hint} new "
                     f"number is declared as {name}: {kind} = number(...), a constant as {name}: ClassVar[{kind}] = ..."
                 )
 
     @classmethod
     def _check_hooks(cls) -> None:
-        """Raise DeclarationError for a method whose name is almost that of one of Module: nothing would call it."""
+        """Raise DeclarationError for a method whose name is similar to one of Module: it would never be called."""
         bases = {name for base in cls.__mro__[1:] for name in vars(base)}
         hooks = [name for name, value in vars(Module).items() if callable(value) and not name.startswith("_")]
         for name, value in vars(cls).items():
             own = callable(value) and not isinstance(value, type) and not name.startswith("_") and name not in bases
             if own and (hint := did_you_mean(name, hooks, after=" ", count=1, cutoff=NEAR)):
                 raise DeclarationError(
-                    f"{cls.__name__}.{name}() is called by nothing; {hint}If it is a method of "
-                    f"your own, give it a name less like it, or _{name}"
+                    f"{cls.__name__}.{name}() is never called; {hint}If it is a method of your own, give it a "
+                    f"less similar name, or _{name}"
                 )
 
-    def __post_init__(self, *_: Any) -> None:  # InitVars come here, which _declared refuses
+    def __post_init__(self, *_: Any) -> None:  # takes InitVars, which _declared refuses
         for name, kind, rule in self._declared():
             object.__setattr__(self, name, checked(f"{self.name}.{name}", getattr(self, name), kind, rule))
 
@@ -147,23 +147,23 @@ class Module:
 
     @classmethod
     def slot(cls) -> type:
-        """Return the slot that the module takes: a scenario has one module per slot.
+        """Return the slot of the module: a scenario has one module per slot.
 
-        By default, a class and its subclasses share a slot. Mechanics that exclude each other without knowing each
-        other return the same class that both know, such as a component.
+        By default, a class and its subclasses share a slot. Mechanics that exclude each other without importing each
+        other return the same class, such as a component.
         """
         base = cls._base()
         return base.slot() if base else cls
 
     @classmethod
     def _base(cls) -> type["Module"] | None:
-        """Return the mechanic that this class extends; None if its base is no mechanic, that is, has no systems."""
+        """Return the mechanic that this class extends; None if its base is not a mechanic, that is, has no systems."""
         bases = (base for base in cls.__mro__[1:] if issubclass(base, Module))  # a mixin may come first
         return next((base for base in bases if any(vars(each).get("registered") for each in base.__mro__)), None)
 
     @classmethod
     def _stream(cls) -> str:
-        """Return the stream or its default, found late: a base may register systems after this class."""
+        """Return the stream or its default, computed late: a base may register systems after this class."""
         base = None if cls.stream else cls._base()
         return base._stream() if base else cls.stream or cls.name
 
@@ -183,12 +183,12 @@ class Module:
 
         Args:
             phase: The phase of the tick that the system runs in.
-            after: What it runs after, within the phase: labels of systems ("zone.shrink"); names of mechanics
+            after: Systems that it runs after, within the phase: labels of systems ("zone.shrink"); names of mechanics
                 ("zone"), which stand for all systems of that mechanic, or of the one in its slot; or components, which
-                stand for all other systems that write or add to them. Labels and names win over components.
-            before: What it runs before, likewise; a component stands for all other systems that read, write or add to
-                it.
-            needs: Components that a scenario may lack: if one of them is missing, the system is not scheduled.
+                stand for all other systems that write or add to them. Labels and names override components.
+            before: Systems that it runs before, in the same forms; a component stands for all other systems that read,
+                write or add to it.
+            needs: Components that a scenario may lack: if one is missing, the system is not scheduled.
             compiled: False for a system that remains Python, which splits the tick in two at that point.
 
         Returns:
@@ -196,7 +196,7 @@ class Module:
 
         Raises:
             DeclarationError: The module is outlast's own, but the function is not; `phase` is not a phase; `after`,
-                `before` or `needs` is none of the above; or a parameter has an annotation that access does not list.
+                `before` or `needs` is not one of the above; or a parameter has an annotation that access does not list.
         """
         if not isinstance(phase, PhaseBase):
             raise DeclarationError(
@@ -208,13 +208,13 @@ class Module:
             label = f"{cls.name}.{function.__name__}"
             if is_outside(function) and not is_outside(cls):
                 raise DeclarationError(
-                    f"{label}: {cls.__name__} is outlast's own, and every scenario in this process would get the "
+                    f"{label}: {cls.__name__} belongs to outlast, and every scenario in this process would get the "
                     f"system; give it to a mechanic of yours, such as class My{cls.__name__}({cls.__name__})"
                 )
             earlier, later = neighbours(label, "after", after), neighbours(label, "before", before)
             needed = components(label, needs)
             declared = parameters(function)
-            if is_outside(function):  # outlast's own are checked when compiled: importing takes a seventh less
+            if is_outside(function):  # outlast's own are checked when compiled: importing is a seventh faster
                 check_random(function, label)
             inner = kernel(function) if compiled else function
             system = System(
@@ -240,7 +240,7 @@ class Module:
         return register
 
     def systems(self) -> Iterable[System]:
-        """Return the systems to schedule, inherited ones included; a module may choose among them by its numbers.
+        """Return the systems to schedule, inherited ones included; a module may select them by its numbers.
 
         A system of a subclass replaces an inherited one of the same name.
         """
@@ -248,7 +248,7 @@ class Module:
 
     @classmethod
     def all_systems(cls) -> list[System]:
-        """Return its systems and those that it inherits, whatever its numbers are."""
+        """Return its systems and those that it inherits, for any values of its numbers."""
         found: list[System] = []
         for base in reversed(cls.__mro__):
             if issubclass(base, Module):
@@ -295,7 +295,7 @@ class Module:
 
     @staticmethod
     def named(found: Sequence[type["Module"]]) -> str:
-        """Join the names of classes, without subclasses of others: "FreeForAll or Teams"; "" if there is none."""
+        """Join the names of classes, without subclasses of others: "FreeForAll or Teams"; "" without names."""
         return " or ".join(sorted({kind.__name__ for kind in found if not {*kind.__mro__[1:]} & {*found}}))
 
     def archetypes(self) -> Iterable[Archetype]:
@@ -314,31 +314,31 @@ class Module:
         """Make memory for the Scratch parameter `name`, once per thread: an array (any object for a Python system).
 
         Numbers that determine its shape cannot vary. Its initial content must not depend on numbers.
-        dims: sizes by name of the dimension.
+        dims: Sizes by name of the dimension.
         """
         raise DeclarationError(f"{self.name} has the Scratch parameter '{name}' but no scratch()")
 
     def check(self, layout: Layout) -> None:
-        """Raise NumberError for numbers that are impossible together with the other modules.
+        """Raise NumberError for numbers that do not fit the other modules.
 
         Args:
-            layout: The layout that all modules of the scenario make up.
+            layout: The layout of all modules of the scenario.
         """
 
     def bounds(self, layout: Layout) -> Mapping[str, Bounds]:
         """Return the bounds of observations that follow from the scenario's numbers, for the environments' spaces.
 
         Args:
-            layout: The layout that all modules of the scenario make up.
+            layout: The layout of all modules of the scenario.
 
         Returns:
             By key of the observation, {field: (lowest, highest)} in the field's own unit: numbers, or arrays with an
             entry for each of the field's columns. For a key without fields, (lowest, highest): numbers, or arrays that
-            broadcast to the column's shape. They must hold in every tick, whatever the agents do, and include 0, the
-            value of rows that are not in the world.
+            broadcast to the column's shape. They must hold in every tick, for all actions, and include 0, the
+            value of rows outside the world.
 
         The bounds of a field are the widest range that any module returns, so a mechanic that breaks another one's
-        bounds (by moving agents out of the room, say) returns its own. Keys that the scenario lacks are ignored. Bounds
+        bounds (such as by moving agents out of the room) returns its own. Keys that the scenario lacks are ignored. Bounds
         of a key also hold for keys whose rows are copies of it: those of "own" for "others".
         """
         return {}
@@ -354,8 +354,8 @@ class Module:
     def groups(self, agents: int) -> tuple[int, ...]:
         """Return the sizes of the groups, such as teams, into which it splits the entities that can have roles.
 
-        Roles that are drawn by group stay within these. An entity's group follows from its index among so many
-        `agents`; () without groups.
+        Roles that are drawn by group stay within these. An entity's group follows from its index among `agents`
+        entities; () without groups.
         """
         return ()
 
@@ -368,7 +368,7 @@ class Module:
         return type(self)(**{name: numbers.get(name, getattr(self, name)) for name in known})
 
     def value(self, name: str) -> Any:
-        """Return the number `name` as kernels get it: the index of a choice. DeclarationError if it does not exist."""
+        """Return the number `name` for kernels: the index of a choice. DeclarationError if it does not exist."""
         known = {item.name: item.metadata.get("choices") for item in dataclasses.fields(self)}
         if name in known:
             value, choices = getattr(self, name), known[name]
@@ -387,4 +387,4 @@ def check_kind(name: str, known: Iterable[str]) -> None:
     """Raise DeclarationError if no imported mechanic has entities of that kind. known: the kinds of a scenario."""
     if not Module.providing(lambda module: name in (archetype.name for archetype in module.archetypes())):
         hint = did_you_mean(name, known, after=" ")
-        raise DeclarationError(f"there are no entities of the kind {name!r}; {hint}known: {', '.join(known)}")
+        raise DeclarationError(f"unknown kind of entities {name!r}; {hint}known: {', '.join(known)}")

@@ -39,7 +39,7 @@ def number(
         free: Whether worlds of a batch may have any value of the same length; only for a tuple (see
             distributions.free). Then only systems, and `check`, may depend on the value.
         unit: The unit in words, in the plural: "metres".
-        about: What the number is, as in "radius of an agent", or what holds if it is True. `outlast numbers` prints it.
+        about: Description, as in "radius of an agent", or of the case that it is True. `outlast numbers` prints it.
 
     Raises:
         DeclarationError: `scales_with`, `unit` or `about` is not a text.
@@ -94,7 +94,7 @@ def checked(name: str, value: Any, kind: type, rule: Any) -> Any:
             raise NumberError(f"{name} = {value!r}: True or False is needed")
         return bool(value)
     whole = kind is int
-    limit = 2**31 - 1 if whole else 3e38  # the most that a column can hold
+    limit = 2**31 - 1 if whole else 3e38  # the maximum that a column can hold
     real = isinstance(value, (int, np.integer) if whole else (int, float, np.integer, np.floating))
     if not real or isinstance(value, bool) or not abs(value) <= limit:
         needed = "an integer below 2**31" if whole else "a finite number (below 3e38)"
@@ -120,7 +120,7 @@ def owners(modules: Iterable[Any]) -> dict[str, tuple[int, str]]:
 
 
 def full_name(modules: Iterable[Any], mechanic: str, name: str) -> str:
-    """Return the full name of what a system's parameter names: a number of its mechanic, or in full any mechanic's."""
+    """Return the full name of the number of a system's parameter: of its own mechanic, or any mechanic's in full."""
     own, known = f"{mechanic}_{name}", owners(modules)
     return own if own in known or name not in known else name
 
@@ -134,10 +134,10 @@ def is_read(
 
 
 def kernel_value(modules: Sequence[Any], module: Any, system: Any, parameter: Any) -> tuple[str, Any]:
-    """Return the full name and the value of the number that a parameter of a mechanic's system names.
+    """Return the full name and the value of the number named by a parameter of a mechanic's system.
 
     Raises:
-        DeclarationError: There is no such number, or its type is not the annotated one.
+        DeclarationError: The number does not exist, or its type is not the annotated one.
     """
     full = full_name(modules, module.name, parameter.name)
     owner = modules[owners(modules)[full][0]] if full == parameter.name else module
@@ -151,5 +151,5 @@ def kernel_value(modules: Sequence[Any], module: Any, system: Any, parameter: An
 
 
 def rule_of(module: Any, field: str) -> Any:
-    """Return what `number` declared about a mechanic's number."""
+    """Return the declaration of a mechanic's number by `number`."""
     return next(item.metadata for item in dataclasses.fields(module) if item.name == field)

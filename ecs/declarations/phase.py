@@ -10,7 +10,7 @@ from enum import Enum
 
 
 class When(Enum):
-    """The worlds that go through a phase: those being reset, those being stepped, or both."""
+    """The worlds that run a phase: those being reset, those being stepped, or both."""
 
     RESET = "reset"
     STEP = "step"
@@ -18,7 +18,7 @@ class When(Enum):
 
 
 class PhaseBase(Enum):
-    """One stage of the tick: when it runs and what is true when it ends. Members are in order of time."""
+    """One stage of the tick: when it runs, and the postcondition of its end. Members are in order of time."""
 
     def __init__(self, when: When, postcondition: str) -> None:
         self.when = when

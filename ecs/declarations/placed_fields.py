@@ -19,7 +19,7 @@ def placed(
 
     Args:
         layout: The layout, of which scales may be functions.
-        modules: The mechanics, which say which fields they add.
+        modules: The mechanics, with the fields that they add.
         observations: For each key, the mechanic that declares it, and its Column.
         imported: Keys of all observations that any imported mechanic declares. Fields added to a key that this scenario
             lacks are left out, like the mechanic that declares it.

@@ -1,7 +1,7 @@
-"""Roles: which agents have numbers of their own, as data.
+"""Roles: agents with numbers of their own, as data.
 
-A role has a name, says which agents have it, and changes some numbers of mechanics for them: to other values, or to
-distributions, from which each agent draws when an episode begins. memory.numbers says where the values lie in memory.
+A role has a name, selects its agents, and changes some numbers of mechanics for them: to other values, or to
+distributions, from which each agent draws when an episode begins. memory.numbers places the values in memory.
 """
 
 from collections.abc import Container, Iterable, Iterator, Sequence
@@ -14,7 +14,7 @@ from .distributions import Distribution, in_python
 
 NEVER, ANYONE, SIDE = DRAWN = ("never", "anyone", "side")
 OPTIONS = ("drawn", "observed")  # options of Scenario.roles
-LONGEST = 64  # the most characters of a name, and the most roles of a scenario
+LONGEST = 64  # maximum characters of a name, and maximum roles of a scenario
 
 
 @dataclass(frozen=True)
@@ -22,10 +22,10 @@ class Role:
     """A role; made by `role`.
 
     Attributes:
-        count: How many agents have it, after those of the previous role. None: all that are left.
+        count: Number of its agents, after those of the previous role. None: all remaining agents.
         agents: The ids of the agents that have it, instead of a count; empty: `count` decides.
         numbers: (name, value or Distribution) of each number that the role changes, in order of names.
-        without: Names of actions and observations that it does not have. The engine only carries them.
+        without: Names of actions and observations that it lacks. The engine only stores them.
         name: Its name in the scenario.
     """
 
@@ -43,16 +43,16 @@ class Role:
 
 
 def role(count: int | None = None, *, agents: Sequence[int] = (), without: Sequence[str] = (), **numbers: Any) -> Role:
-    """Make a role of agents, for `Scenario.roles`.
+    """Return a role of agents, for `Scenario.roles`.
 
     >>> hunted = scenario.roles(hunter=outlast.role(1, melee_damage=20, agents_health=200), prey=outlast.role(3))
 
     Args:
-        count: How many agents have it. Roles take agents in order of their ids, starting with the first role. One role
-            may leave the count out, and gets the agents that are left.
+        count: Number of its agents. Roles take agents in order of their ids, starting with the first role. One role
+            may leave the count out, and gets the remaining agents.
         agents: The ids of its agents, instead of a count.
-        without: Actions and observations that its agents do not have, by their keys: ("attack", "boxes"). Whatever
-            they choose, such an action is that of `noop`, and masked; such an observation, with its mask, is 0.
+        without: Actions and observations that its agents lack, by their keys: ("attack", "boxes"). For all
+            choices, such an action is that of `noop`, and masked; such an observation, with its mask, is 0.
         **numbers: By name, "module_number": the value for these agents, or a distribution, such as
             outlast.distributions.uniform(5, 20), from which each of them draws its own value when an episode begins.
             Numbers that a role does not name are those of the scenario.
@@ -68,9 +68,9 @@ def role(count: int | None = None, *, agents: Sequence[int] = (), without: Seque
     if count is not None and ids:
         raise NumberError(f"role({count!r}, agents={ids!r}): give a count or ids, not both")
     if count is not None and not is_whole(count, 1):
-        raise NumberError(f"role({count!r}): the count is a whole number from 1; leave it out for all agents left")
+        raise NumberError(f"role({count!r}): the count must be an integer >= 1; leave it out for all remaining agents")
     if not all(is_whole(i, 0) for i in ids) or len({*ids}) != len(ids):
-        raise NumberError(f"role(agents={ids!r}): distinct ids of agents are needed, whole numbers from 0")
+        raise NumberError(f"role(agents={ids!r}): distinct ids of agents are needed, integers >= 0")
     if isinstance(without, str) or not all(isinstance(name, str) for name in without):
         raise NumberError(f'role(without={without!r:.60}): a list of names is needed, as in without=["attack"]')
     return Role(count, ids, tuple(sorted(numbers.items())), tuple(sorted({*without})))
@@ -82,12 +82,12 @@ class Roles:
 
     Attributes:
         roles: The roles, in the order in which they take agents; a role's number is its index here.
-        drawn: "never": agents keep the roles that their ids give them. "anyone": when an episode begins, it is drawn
-            which agent has which role, among all agents. "side": likewise, among the agents of each side. Each world
-            draws anew, by the random numbers of (seed, world, episode).
+        drawn: "never": agents keep the roles that their ids give them. "anyone": each episode draws the role of each
+            agent, among all agents. "side": the same, among the agents of each side. Each world draws by the random
+            numbers of (seed, world, episode).
 
     Raises:
-        NumberError: There are no roles, a name is not a word or occurs twice, `drawn` is something else, or an agent
+        NumberError: Roles are empty, a name is not a word or occurs twice, `drawn` is invalid, or an agent
             has two roles.
     """
 
@@ -99,11 +99,11 @@ class Roles:
             raise NumberError("roles: at least one is needed, as in roles(hunter=role(1), prey=role(3))")
         for each in self.roles:
             if not isinstance(each, Role):
-                raise NumberError(f"roles: {each!r:.60} is no role; write role(...), as in roles(hunter=role(1))")
+                raise NumberError(f"roles: {each!r:.60} is not a role; write role(...), as in roles(hunter=role(1))")
             if not each.name.isidentifier() or len(each.name) > LONGEST:
-                raise NumberError(f"roles: {each.name!r:.80} is no name of a role; letters, digits and _ are allowed")
+                raise NumberError(f"roles: {each.name!r:.80} is not a role's name; letters, digits and _ are allowed")
             if each.name in OPTIONS:
-                raise NumberError(f"roles: a role cannot be called {each.name!r}, which is an option of Scenario.roles")
+                raise NumberError(f"roles: {each.name!r} is not a name of a role, but an option of Scenario.roles")
         names = [each.name for each in self.roles]
         if len({*names}) < len(names) or len(names) > LONGEST:
             raise NumberError(f"roles: {', '.join(names)}: different names are needed, at most {LONGEST}")
@@ -113,7 +113,7 @@ class Roles:
         if len({*ids}) < len(ids):
             raise NumberError(f"roles: agent {next(i for i in ids if ids.count(i) > 1)} is in two roles")
         if len([each for each in self.roles if each.count is None and not each.agents]) > 1:
-            raise NumberError("roles: only one role can leave out its count, and gets the agents that are left")
+            raise NumberError("roles: only one role can leave out its count, and gets the remaining agents")
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -137,7 +137,7 @@ class Roles:
         return [name for name in self.numbers if all(name in dict(each.numbers) for each in self.roles)]
 
     def check_apart(self, varied: Iterable[str]) -> None:
-        """Raise NumberError if a number that differs by role also varies from world to world."""
+        """Raise NumberError if a number that differs by role also varies between worlds."""
         if both := sorted({*self.numbers} & {*varied}):
             raise NumberError(
                 f"{both[0]} is varied from world to world and differs by role: choose one, as in "
@@ -145,9 +145,9 @@ class Roles:
             )
 
     def check_others(self, names: Iterable[str]) -> None:
-        """Raise NumberError if every role sets one of these numbers of the scenario, which then has no effect."""
+        """Raise NumberError if every role sets one of these numbers: it then has no effect in the scenario."""
         if found := [name for name in names if name in self.in_all]:
-            raise NumberError(f"{found[0]}: every role sets it here, so another value means nothing; change the roles")
+            raise NumberError(f"{found[0]}: every role sets it here, so another value has no effect; change the roles")
 
     def __str__(self) -> str:
         counts = [(len(each.agents) or each.count or "other", each.name) for each in self.roles]
@@ -169,7 +169,7 @@ class Roles:
         for number, each in enumerate(self.roles):
             for i in each.agents:
                 if i >= agents:
-                    raise NumberError(f"role {each.name}: there is no agent {i}, only 0 to {agents - 1}")
+                    raise NumberError(f"role {each.name}: agent {i} does not exist, only 0 to {agents - 1}")
                 found[i] = number
         free = iter([i for i in range(agents) if found[i] is None])
         left = found.count(None) - sum(each.count or 0 for each in self.roles)
@@ -184,25 +184,23 @@ class Roles:
     def of_counts(self, fewest: int, most: int) -> list[list[int]]:
         """Return each agent's role by id in worlds with `fewest`, ..., `most` agents; each list has `most` entries.
 
-        A world has the roles that a game with its number of agents has. If roles do not fit so few agents, the last
-        ones are missing.
+        A world has the roles of a game with its number of agents. If roles do not fit so few agents, the last ones are
+        missing.
         """
-        whole, found = self.of_agents(most), list[list[int]]()
+        largest, found = self.of_agents(most), list[list[int]]()
         for count in range(fewest, most + 1):
             try:
                 there = self.of_agents(count)
             except NumberError:
-                there = whole[:count]
-            found.append(there + whole[count:])
+                there = largest[:count]
+            found.append(there + largest[count:])
         return found
 
     def _misfit(self, agents: int, rest: Role | None) -> str:
         sizes = [(each.count or len(each.agents), each.name) for each in self.roles if each is not rest]
         needed = sum(size for size, _ in sizes) + (rest is not None)
         listed = " + ".join(f"{size} {name}" for size, name in sizes) + (f" + at least 1 {rest.name}" if rest else "")
-        return (
-            f"roles: {listed} are {needed} agents, but n_agents is {agents}: say replace(n_agents={needed}), or others"
-        )
+        return f"roles: {listed} are {needed} agents, but n_agents is {agents}: take replace(n_agents={needed}) or more"
 
 
 def spread(roles: Roles) -> Iterator[tuple[Role, dict[str, Any]]]:

@@ -14,12 +14,12 @@ from .component import Component
 from .phase import PhaseBase
 
 Neighbour: TypeAlias = str | type[Component]
-"""What a system runs after or before: a system's label, a mechanic's name, or a component."""
+"""An element of after= or before=: a system's label, a mechanic's name, or a component."""
 
 
 @dataclass(frozen=True)
 class System:
-    """One step of the tick: a kernel for one world, its phase, and what its parameters declare."""
+    """One step of the tick: a kernel for one world, its phase, and the declarations of its parameters."""
 
     module: str
     name: str
@@ -46,16 +46,16 @@ class System:
         return is_outside(self.function)
 
     def among(self, brings: Callable[[Parameter], bool]) -> "System":
-        """Return the same system in a scenario: `brings` says what a parameter finds there.
+        """Return the system in a scenario: `brings` returns whether a parameter has its component there.
 
-        Optional ones get None instead.
+        Optional parameters without it get None.
         """
         found = tuple(each.among(brings) for each in self.parameters)
         return self if found == self.parameters else dataclasses.replace(self, parameters=found)
 
     @functools.cached_property
     def access(self) -> tuple[Parameter, ...]:
-        """Its parameters, and those that services among them are made of."""
+        """Its parameters, and those of its services."""
         return tuple(each for parameter in self.parameters for each in parameter.with_parts())
 
     def touches(self, component: type[Component], *kinds: str) -> bool:
@@ -78,7 +78,7 @@ class System:
         return found
 
     def instead_of(self, other: "System | None") -> "System":
-        """Return the same system, for which labels of `other` stand, too: the one that it replaces, of a base class."""
+        """Return the system with the labels of `other` as further ones: the system of a base class that it replaces."""
         if other is None:
             return self
         return dataclasses.replace(self, aliases=tuple(dict.fromkeys((*self.aliases, other.label, *other.aliases))))
@@ -103,11 +103,11 @@ class System:
         )
 
 
-# ---- checks of what a system is registered with: see Module.system
+# ---- checks of the arguments of Module.system
 
 
 def components(label: str, given: Any) -> tuple[type[Component], ...]:
-    """Return what was given as `needs`, as a tuple. DeclarationError if a part of it is no component."""
+    """Return `needs` as a tuple. DeclarationError if a part of it is not a component."""
     needed = given if isinstance(given, tuple) else (given,)
     for each in needed:
         if not isinstance(each, type) or not issubclass(each, Component):
@@ -119,13 +119,13 @@ def components(label: str, given: Any) -> tuple[type[Component], ...]:
 
 
 def redefines(new: Callable[..., Any], old: Callable[..., Any]) -> bool:
-    """Return whether both functions come from one definition, run twice. Those within functions never count as such."""
+    """Return whether both functions come from one definition, run twice. Nested functions never count."""
     same = all(getattr(new, name) == getattr(old, name) for name in ("__module__", "__qualname__", "__name__"))
     return same and "<locals>" not in new.__qualname__
 
 
 def check_twice(label: str, new: Callable[..., Any], old: Callable[..., Any], same: bool) -> None:
-    """Raise DeclarationError if a file has two functions of the same name, as the second would replace the first.
+    """Raise DeclarationError if a file has two functions of the same name: the second would replace the first.
 
     The same function cannot be registered for two phases either. same: whether both are for the same phase.
     """
@@ -134,13 +134,13 @@ def check_twice(label: str, new: Callable[..., Any], old: Callable[..., Any], sa
     one, two = old.__code__, new.__code__
     if redefines(new, old) and one.co_filename == two.co_filename and one.co_firstlineno < two.co_firstlineno:
         raise DeclarationError(
-            f"{label} is there twice, in lines {one.co_firstlineno} and {two.co_firstlineno} of "
-            f"{PurePath(one.co_filename).name}: call one of the functions otherwise"
+            f"{label} occurs twice, in lines {one.co_firstlineno} and {two.co_firstlineno} of "
+            f"{PurePath(one.co_filename).name}: rename one of the functions"
         )
 
 
 def neighbours(label: str, keyword: str, given: Any) -> tuple[Neighbour, ...]:
-    """Return what was given as `after` or `before`, as a tuple. DeclarationError unless it is texts and components."""
+    """Return `after` or `before` as a tuple. DeclarationError unless it consists of texts and components."""
     neighbours = given if isinstance(given, tuple) else (given,)
     for each in neighbours:
         if not isinstance(each, str) and not (isinstance(each, type) and issubclass(each, Component)):

@@ -11,7 +11,7 @@ PROC, GROUPS = Path("/proc"), Path("/sys/fs/cgroup")  # control groups of versio
 def available_cores() -> int:
     """Return the number of cores that this process may use, at least 1.
 
-    Its affinity and the quotas of its control groups (containers, jobs of a cluster) count, rounded up to whole cores.
+    Its affinity and the quotas of its control groups (containers, jobs of a cluster) count, rounded up to full cores.
     """
     allowed = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     quotas = [found for group in _control_groups() if len(found := _numbers(group / "cpu.max")) == 2]
@@ -19,7 +19,7 @@ def available_cores() -> int:
 
 
 def available_memory() -> float:
-    """Return the number of bytes that this process can take from what is free; infinity where that is unknown."""
+    """Return the number of bytes of free memory that this process can take; infinity if unknown."""
     words = _text(PROC / "meminfo").split()
     free = [int(words[words.index("MemAvailable:") + 1]) * 1024] if "MemAvailable:" in words else []
     for group in _control_groups():
@@ -31,7 +31,7 @@ def available_memory() -> float:
 
 
 def _control_groups() -> Iterator[Path]:
-    """Yield the folders of this process's control group, and of those around it."""
+    """Yield the folders of this process's control group and of its parents."""
     for line in _text(PROC / "self" / "cgroup").splitlines():
         if line.startswith("0::/"):
             group = GROUPS / line.removeprefix("0::/")
@@ -46,6 +46,6 @@ def _text(path: Path) -> str:
 
 
 def _numbers(path: Path) -> list[int]:
-    """Return the integers in a file; none if there are others than integers, such as "max"."""
+    """Return the integers in a file; none if it has other text, such as "max"."""
     words = _text(path).split()
     return [int(word) for word in words] if all(word.isdecimal() for word in words) else []

@@ -1,7 +1,7 @@
-"""Numbers that may differ by role, as kernels read them: as one value, or from an array with an element for every row.
+"""Numbers that may differ by role, in kernels: one value, or an array with an element for every row.
 
-The systems of a mechanic get that array in place of the number if a role changes it. `of` reads either, so a kernel is
-written once, and compiles to the same code as before if no role changes the number.
+The systems of a mechanic get that array instead of the number if a role changes it. `of` reads either, so a kernel is
+written once, and compiles to the same code as without roles if none changes the number.
 """
 
 from typing import Any
@@ -31,7 +31,7 @@ def _element(number: Any, e: int) -> Any:
 
 @intrinsic(_element)
 def of(typing: Any, number: Any, e: Any) -> Any:
-    """Return the number for the entity in row `e`: that of its role if roles differ in it, else the game's own."""
+    """Return the number for the entity in row `e`: that of its role if roles differ in it, otherwise the game's."""
     if not hasattr(number, "ndim"):  # not an array
         return number(number, types.intp), lambda context, builder, kinds, arguments: arguments[0]
 
@@ -50,6 +50,6 @@ def of(typing: Any, number: Any, e: Any) -> Any:
 
 @intrinsic(_is_array)
 def differs(typing: Any, number: Any) -> Any:
-    """Return whether roles differ in a number. Known at compile time, so the branch that is not taken costs nothing."""
+    """Return whether roles differ in a number. Known at compile time, so the other branch costs nothing."""
     value = hasattr(number, "ndim")
     return types.boolean(number), lambda context, builder, kinds, arguments: ir.Constant(FLAG, value)

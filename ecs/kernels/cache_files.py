@@ -1,10 +1,10 @@
 """The compile cache's files: one for each unit of machine code, verified by a checksum before it is loaded.
 
-A file counts as absent, and is written again, if it does not match its checksum (after a full disk, or a process that
-was killed), if it is not a regular file, or if others than the user and root could have written it.
+A file counts as absent, and is written again, if it does not match its checksum (after a full disk, or a killed
+process), if it is not a regular file, or if users other than this one and root could have written it.
 
-Whoever can write to a folder of machine code can run code as its reader. So a folder is used as it is only if nobody
-but the user and root can write to it. Below others, as a group's or the temporary one, the user has a private folder.
+Write access to a folder of machine code lets others run code as its reader. A folder is therefore used directly only if
+it is writable for the user and root alone. Below shared folders, of a group or temporary, the user has a private one.
 """
 
 import contextlib
@@ -27,19 +27,19 @@ from .file_lock import try_lock, unlock
 from .machine_code import Code
 
 DAY = 86_400  # seconds
-LARGEST = 256 * 2**20  # bytes of all files together; beyond that, those unused for longest are deleted
+LARGEST = 256 * 2**20  # bytes of all files together; beyond that, the least recently used are deleted
 SUFFIX, LOCK = ".unit", ".lock"
 OWN = re.compile(r"\.unit$|^tmp\w{8}\.tmp$")
 LONGEST = 80  # characters of a label in the name of its file
-PATIENCE = 300.0  # seconds to wait for another process that compiles
+PATIENCE = 300.0  # seconds to wait for another compiling process
 PLAIN = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)  # neither follows a link nor waits for a FIFO
-WARNED: list[str] = []  # the warning of this process
+WARNED: list[str] = []  # the warnings of this process
 DESCRIPTION = ("symbol", "constants", "externals")  # attributes of a Code that are ahead of the object file
 try:
-    START = Path.cwd()  # a relative folder does not move when the program changes its working directory
+    START = Path.cwd()  # keeps relative folders when the program changes its working directory
 except OSError:  # it has been deleted
     START = Path()
-POSIX = os.name == "posix"  # on Windows, users have folders for their data and for temporary files that are private
+POSIX = os.name == "posix"  # on Windows, users' folders for data and temporary files are private
 
 
 def file_name(label: str, key: str) -> str:
@@ -62,16 +62,16 @@ def read(path: Path) -> Code | None:
     head, _, image = content.partition(b"\n")
     if time.time() - found.st_mtime > DAY:
         with contextlib.suppress(OSError):  # the folder may be read-only
-            os.utime(path)  # keeps it from being deleted as unused
+            os.utime(path)  # so that it is not deleted as unused
     return Code(image=image, **json.loads(head))
 
 
 def write(path: Path | None, code: Code) -> bool:
-    """Write a file, whole or not at all; without a path, nothing is written.
+    """Write a file, completely or not at all; without a path, write nothing.
 
     Returns:
-        Whether other processes can load it: not if the code cannot be loaded elsewhere or, with a warning, if it
-        cannot be written.
+        Whether other processes can load it: not if the code cannot be loaded elsewhere or, with a warning, if writing
+        failed.
     """
     if path is None or not code.portable:
         return False
@@ -83,7 +83,7 @@ def write(path: Path | None, code: Code) -> bool:
     temporary = path.with_name(f"tmp{secrets.token_hex(4)}.tmp")
     try:
         path.parent.mkdir(mode=0o755, parents=True, exist_ok=True)
-        # Never writable for a group, in spite of the umask: such files count as absent
+        # Never writable for a group, regardless of the umask: such files count as absent
         with open(temporary, "xb", opener=lambda name, flags: os.open(name, flags, 0o644)) as file:
             file.write(_checksum(content) + b"\n" + content)
         os.replace(temporary, path)
@@ -107,10 +107,10 @@ def warn(text: str) -> None:
 
 @contextlib.contextmanager
 def one_at_a_time() -> Iterator[None]:
-    """Let one process at a time compile, so that those that begin together find what the first one has written.
+    """Let one process at a time compile, so that processes started together find the files of the first one.
 
-    The lock ends with its process, however that ends. Nobody waits longer than PATIENCE, as that process may be
-    suspended, nor where files cannot be locked.
+    The lock ends with its process, however that ends. Others wait at most PATIENCE seconds, since that process may
+    be suspended, and do not wait where files cannot be locked.
     """
     handle, folder, end = -1, cache_folder(), time.monotonic() + PATIENCE
     with contextlib.suppress(OSError):
@@ -126,7 +126,7 @@ def one_at_a_time() -> Iterator[None]:
 
 
 def prune() -> None:
-    """Delete what killed processes left, and if all units together are too large, those that are unused for longest."""
+    """Delete files of killed processes, and if all units together are too large, the least recently used ones."""
     now, size, folder = time.time(), 0, cache_folder()
     with contextlib.suppress(OSError):
         own = [each for each in folder.iterdir() if OWN.search(each.name)] if folder else []
@@ -146,20 +146,20 @@ def _checksum(content: bytes) -> bytes:
 class CacheFolders(NamedTuple):
     """Folders of machine code."""
 
-    readable: list[Path]  # those that code is loaded from, the first choice first
-    writable: Path | None  # the one that new code is written to
-    problem: str  # why that is not the first choice
+    readable: list[Path]  # folders from which code is loaded, by preference
+    writable: Path | None  # folder of new code
+    problem: str  # reason why it is not the first choice
 
 
 def cache_folders() -> CacheFolders:
-    """Return $OUTLAST_CACHE_DIR, else the user's cache folder; and if that is not writable, a temporary one, too."""
+    """Return $OUTLAST_CACHE_DIR, or the user's cache folder; and if that is not writable, also a temporary one."""
     readable, problems = list[Path](), list[str]()
     for find in (_first_choice, lambda: _own_folder(Path(tempfile.gettempdir()))):
         try:
             readable.append(folder := find())
         except OSError as error:
             problems.append(f"{error.filename}: {error.strerror}" if error.filename else str(error))
-        except RuntimeError as error:  # there is no home
+        except RuntimeError as error:  # the user has no home folder
             problems.append(str(error))
         else:
             if os.access(folder, os.W_OK | os.X_OK):
@@ -169,7 +169,7 @@ def cache_folders() -> CacheFolders:
 
 
 def cache_folder() -> Path | None:
-    """Return the folder that new machine code is written to; None if there is none."""
+    """Return the folder of new machine code; None if no folder is writable."""
     return cache_folders().writable
 
 
@@ -185,10 +185,10 @@ def _first_choice() -> Path:
 
 
 def _own_folder(parent: Path) -> Path:
-    """Return a private folder of the user's in one that others can write to. Raises OSError."""
+    """Return the user's private folder in one that others can write to. Raises OSError."""
     folder = parent / (f"outlast-{os.geteuid()}" if POSIX else "outlast")
     folder.mkdir(mode=0o700, exist_ok=True)
-    found = folder.lstat()  # a link could lead to a folder where files of other programs would be deleted as old
+    found = folder.lstat()  # a link could lead to a folder of other programs, whose old files would be deleted
     if not stat.S_ISDIR(found.st_mode) or not is_private(found):
         raise PermissionError(f"others can write to {folder}")
     return folder

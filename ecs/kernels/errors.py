@@ -1,4 +1,4 @@
-"""Errors of the engine. Each message says what is wrong, what was expected and how to correct it."""
+"""Errors of the engine. Each message contains the fault, what was expected and the cure."""
 
 import difflib
 from collections.abc import Collection, Iterable
@@ -9,14 +9,14 @@ from types import FunctionType
 def did_you_mean(
     name: object, known: Iterable[object], *, before: str = "", after: str = "", count: int = 2, cutoff: float = 0.6
 ) -> str:
-    """Return the part of an error message that asks whether a misspelt name was meant to be a known one; "" if none is.
+    """Return the part of an error message that suggests known names for a misspelt one; "" if none is close.
 
     Args:
-        name: The name that was given.
-        known: The names that exist.
-        before: What comes before the question, if there is one, such as "; ".
-        after: What comes after it, such as " ".
-        count: How many names are suggested at most, the closest first.
+        name: The unknown name.
+        known: The existing names.
+        before: Text before the question, if any, such as "; ".
+        after: Text after it, such as " ".
+        count: Maximum number of suggestions, the closest first.
         cutoff: The least similarity of the names, from 0 to 1; see `difflib.get_close_matches`.
     """
     close = difflib.get_close_matches(str(name), list(dict.fromkeys(map(str, known))), count, cutoff)
@@ -24,15 +24,15 @@ def did_you_mean(
 
 
 def meant(name: object, known: Collection[str], beside: Iterable[str] = ()) -> str:
-    """Return the hint for an unknown name, such as that of a number: the near misses, or else all known names.
+    """Return the hint for an unknown name, such as that of a number: similar names, or otherwise all known names.
 
-    beside: further names that may have been meant, but are not listed.
+    beside: further candidates, which are not listed.
     """
     return did_you_mean(name, [*beside, *known]) or f"known: {', '.join(known)}"
 
 
 def place(function: FunctionType, line: int) -> str:
-    """Return a line of a function as messages name it: "mine.py, line 12"."""
+    """Return a line of a function in the form for messages: "mine.py, line 12"."""
     return f"{PurePath(function.__code__.co_filename).name}, line {line}"
 
 
@@ -41,19 +41,19 @@ class OutlastError(Exception):
 
 
 class EngineError(OutlastError, ValueError):
-    """The base of all errors by which the engine refuses something."""
+    """The base of the errors of the engine."""
 
 
 class DeclarationError(EngineError):
-    """A component, module or system is declared in a way that cannot work."""
+    """A component, module or system has an invalid declaration."""
 
 
 class CapacityError(EngineError):
-    """More events happened in a tick than their list has room for."""
+    """A tick had more events than the capacity of their list."""
 
 
 class AbsentError(EngineError):
-    """A system made an entity alive that is not in this episode, as the number of entities varies between worlds."""
+    """A system made an entity alive that is not in this episode, where the number of entities varies between worlds."""
 
 
 class RangeError(EngineError):
@@ -61,8 +61,8 @@ class RangeError(EngineError):
 
 
 class ScheduleError(EngineError):
-    """The order of systems is ambiguous or contradictory, or names something unknown."""
+    """The order of systems is ambiguous or contradictory, or has an unknown name."""
 
 
 class NumberError(EngineError):
-    """A number of a module is unknown, or has a value that is not possible."""
+    """A number of a module is unknown, or has an impossible value."""

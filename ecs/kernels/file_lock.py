@@ -8,11 +8,11 @@ from typing import Any
 
 fcntl: Any = importlib.import_module("fcntl") if os.name == "posix" else None
 msvcrt: Any = importlib.import_module("msvcrt") if os.name == "nt" else None
-TAKEN = (errno.EAGAIN, errno.EACCES)  # the errors of a lock that another process has
+TAKEN = (errno.EAGAIN, errno.EACCES)  # the errors of a lock that another process holds
 
 
 def try_lock(handle: int) -> bool | None:
-    """Lock a file that is open for writing. False if another process has locked it, None if it cannot be locked."""
+    """Lock a file that is open for writing. Return False if another process has locked it, None without locks."""
     try:
         if msvcrt is None:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -24,7 +24,7 @@ def try_lock(handle: int) -> bool | None:
 
 
 def unlock(handle: int) -> None:
-    """Unlock a file. Closing it is not enough: forks of this process have it open, too."""
+    """Unlock a file. Closing it is not enough: forks of this process also have it open."""
     with contextlib.suppress(OSError):
         if msvcrt is None:
             fcntl.flock(handle, fcntl.LOCK_UN)

@@ -1,4 +1,4 @@
-"""Values that code refers to: all that numba freezes into machine code, and that tells one game from another."""
+"""Values that code refers to: values that numba freezes into machine code, and that distinguish games."""
 
 import dis
 import functools
@@ -16,10 +16,10 @@ from .errors import DeclarationError
 
 NAMES = ("LOAD_GLOBAL", "LOAD_NAME", "LOAD_DEREF", "LOAD_CLASSDEREF")
 MEMBERS = ("LOAD_ATTR", "LOAD_METHOD")
-ARRAYS = ("Array", "Any")  # the last part of an annotation by the alias `Array`: as text, and what the alias stands for
+ARRAYS = ("Array", "Any")  # the last part of an annotation by the alias `Array`: as text, and resolved
 NDARRAYS = ("numpy.ndarray", "np.ndarray", "<class 'numpy.ndarray'>")
 RANDOM = ("random.", "numpy.random.")  # prefixes of modules with random generators that have a state
-LIBRARIES = frozenset({*sys.stdlib_module_names, "llvmlite", "numba", "numpy"})  # which versions identify
+LIBRARIES = frozenset({*sys.stdlib_module_names, "llvmlite", "numba", "numpy"})  # identified by their versions
 Other = Callable[[str, Any], Iterator[str]]
 
 
@@ -27,8 +27,8 @@ def references(function: FunctionType) -> Iterator[tuple[str, Any]]:
     """(name as it is written, value) of everything that `function` and the functions nested in it refer to.
 
     Names are globals, variables of enclosing functions and defaults of parameters. For modules and classes, they are
-    the members that the code accesses, at any depth ("package.module.LIMIT", "Color.RED"). Names that are not defined
-    (yet) are left out.
+    the members that the code accesses, at any depth ("package.module.LIMIT", "Color.RED"). Names that are not (yet)
+    defined are left out.
     """
     cells = dict(zip(function.__code__.co_freevars, function.__closure__ or (), strict=True))
     for chain in read_code(function.__code__)[1]:
@@ -46,18 +46,18 @@ def references(function: FunctionType) -> Iterator[tuple[str, Any]]:
 
 
 def root(target: Any) -> str:
-    """Return the package of a function, a class or an instance."""
+    """Return the top-level package of a function, a class or an instance."""
     module = getattr(target, "__module__", None) or type(getattr(target, "__self__", target)).__module__
     return str(module).partition(".")[0]
 
 
 def is_outside(target: Any) -> bool:
-    """Return whether a function or class is from outside of this package: part of a user's mechanic."""
+    """Return whether a function or class is from outside this package: part of a user's mechanic."""
     return root(target) != root(is_outside)
 
 
 def is_library(target: Any) -> bool:
-    """Return whether it is from a library, whose code is not followed."""
+    """Return whether an object is from a library, whose code is not followed."""
     return root(target) in LIBRARIES
 
 
@@ -83,7 +83,7 @@ def codes(code: CodeType) -> Iterator[CodeType]:
 def reachable(function: FunctionType, follow: Callable[[FunctionType], bool]) -> Iterator[FunctionType]:
     """Yield a function and all Python functions that it refers to, directly or through others.
 
-    follow: which ones count.
+    follow: returns whether a function is followed.
     """
     ahead, seen = [function], {function}
     while ahead:
@@ -118,9 +118,9 @@ def refuse_random(label: str, name: str, value: Any) -> None:
 
 
 def described(name: str, value: Any, other: Other) -> Iterator[str]:
-    """Describe a constant to the bit, however numpy or a class of the user's prints it.
+    """Describe a constant exactly, independently of how numpy or a user's class prints it.
 
-    other: says what a value is that is no constant, such as a function.
+    other: describes values that are not constants, such as functions.
     """
     if isinstance(value, Enum):
         yield f"{name}={type(value).__qualname__}.{value.name}"
@@ -160,9 +160,9 @@ def read_code(code: CodeType) -> tuple[str, tuple[tuple[str, ...], ...]]:
         A hash of its instructions with names and constants, but without docstrings and line numbers; and all names that
         it loads from outside, with their attributes: ("package", "module", "LIMIT").
     """
-    said, found = list[Any](), dict[tuple[str, ...], None]()
+    parts, found = list[Any](), dict[tuple[str, ...], None]()
     for each in codes(code):
-        said.append((each.co_varnames[: each.co_argcount + each.co_kwonlyargcount], each.co_exceptiontable))
+        parts.append((each.co_varnames[: each.co_argcount + each.co_kwonlyargcount], each.co_exceptiontable))
         chain: tuple[str, ...] = ()
         for instruction in dis.get_instructions(each):
             name, value = instruction.opname, instruction.argval
@@ -177,7 +177,7 @@ def read_code(code: CodeType) -> tuple[str, tuple[tuple[str, ...], ...]]:
                 value = value.co_name
             elif type(value) is frozenset:
                 value = sorted(map(repr, value))
-            said.append((name, value))
+            parts.append((name, value))
         found[chain] = None
     found.pop((), None)
-    return hashlib.sha256(repr(said).encode()).hexdigest(), tuple(found)
+    return hashlib.sha256(repr(parts).encode()).hexdigest(), tuple(found)

@@ -1,4 +1,4 @@
-"""Whole numbers among values that users give."""
+"""Integers among users' values."""
 
 import math
 from numbers import Integral

@@ -3,11 +3,11 @@
 Kernels are serial and release the GIL; Worlds runs them on threads. Division follows numpy (no exceptions inside a
 kernel) and fast-math is never used: the same input must give the same bits.
 
-Kernels from outside outlast check every index: one out of range raises IndexError, and might crash otherwise. As the
-checks take time, OUTLAST_BOUNDSCHECK=0 in the environment switches them off.
+Kernels from outside outlast check every index: an index out of range raises IndexError, and might crash otherwise. The
+checks take time; OUTLAST_BOUNDSCHECK=0 in the environment switches them off.
 
-The second half is for calling a C library from a kernel: functions by symbol, and loads and stores at an
-address. Nothing checks an address; only a backend that has verified the library's layout may use them.
+The second half is for calling a C library from a kernel: functions by symbol, and loads and stores at an address.
+Addresses are unchecked; only a backend that has verified the library's layout may use them.
 """
 
 import ctypes
@@ -36,10 +36,10 @@ from .errors import DeclarationError
 from .frozen_values import is_outside
 
 Array: TypeAlias = Any
-"""A column as kernels see it: the numpy array of ONE world, shape (capacity, ...) or (...)."""
+"""A column in kernels: the numpy array of ONE world, shape (capacity, ...) or (...)."""
 
 Real: TypeAlias = Any
-"""A float32 scalar as kernels see it."""
+"""A float32 scalar in kernels."""
 
 OPTIONS: Any = {"nogil": True, "error_model": "numpy"}
 NUMPY_AS_COMPILED: Any = {"over": "ignore", "invalid": "ignore", "divide": "ignore"}  # for np.errstate
@@ -50,7 +50,7 @@ _INTERPRETED: ContextVar[bool] = ContextVar("interpreted", default=False)
 
 @contextmanager
 def interpreted() -> Iterator[None]:
-    """Run kernels that Python calls in this thread, and the kernels that these call, as plain Python."""
+    """Run the kernels that Python calls in this thread, and all that they call, as plain Python."""
     token = _INTERPRETED.set(True)
     try:
         with np.errstate(**NUMPY_AS_COMPILED):
@@ -62,19 +62,19 @@ def interpreted() -> Iterator[None]:
 def options_of(function: Any) -> dict[str, Any]:
     """Return numba's options for a kernel.
 
-    Outlast's own kernels allocate no memory, and compile faster without reference counts; but if a kernel returns an
-    array, it must be counted, as callers may count it. Kernels from outside check their indices.
+    Outlast's own kernels do not allocate memory, and compile faster without reference counts; but an array that a
+    kernel returns must be counted, since callers may count it. Kernels from outside check their indices.
     """
     if is_outside(function):
-        return {**OPTIONS, "boundscheck": BOUNDS_CHECKS or None}  # None: as numba's setting says
+        return {**OPTIONS, "boundscheck": BOUNDS_CHECKS or None}  # None: by numba's setting
     returned = str(function.__annotations__.get("return", Any))
     return OPTIONS if "Any" in returned else {**OPTIONS, "_nrt": False}  # arrays are annotated with Any
 
 
 class _Kernel(CPUDispatcher):  # type: ignore[misc]
-    """A function for compiled functions to call, without wrappers for Python, a sixth of the time to compile.
+    """A function for compiled functions to call, without wrappers for Python, which saves a sixth of the compile time.
 
-    If Python calls it nevertheless, as tests do, it is compiled once more with wrappers, or runs as `interpreted`.
+    If Python calls it anyway, as in tests, it is compiled again with wrappers, or runs as `interpreted`.
     """
 
     def __call__(self, *arguments: Any, **named: Any) -> Any:
@@ -83,9 +83,9 @@ class _Kernel(CPUDispatcher):  # type: ignore[misc]
 
     @global_compiler_lock  # type: ignore[untyped-decorator]
     def compile(self, sig: Any) -> Any:
-        """Compile it for arguments of these types. Indices of arrays that are no columns are checked.
+        """Compile it for arguments of these types. Indices of arrays that are not columns are checked.
 
-        Only systems from outside, which may make arrays, and Python hand such arrays to outlast's own kernels.
+        Only systems from outside, which may create arrays, and Python pass such arrays to outlast's own kernels.
         """
         usual = self.targetoptions["boundscheck"]
         arguments, _ = normalize_signature(sig)
@@ -97,7 +97,7 @@ class _Kernel(CPUDispatcher):  # type: ignore[misc]
 
 
 def _has_plain_arrays(kinds: Any) -> bool:
-    """Return whether an array that is no column is among types of arguments, or in a tuple among them."""
+    """Return whether the types of arguments, or of tuples in them, contain an array that is not a column."""
     return any(
         type(each) is types.Array or (isinstance(each, types.BaseTuple) and _has_plain_arrays(each)) for each in kinds
     )
@@ -106,7 +106,7 @@ def _has_plain_arrays(kinds: Any) -> bool:
 class _NotInlined(Lower):  # type: ignore[misc]
     def setup_function(self, fndesc: Any) -> None:
         super().setup_function(fndesc)
-        self.function.attributes.add("noinline")  # or LLVM would inline what has one caller, however large
+        self.function.attributes.add("noinline")  # otherwise LLVM inlines a function with one caller, however large
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)
@@ -116,7 +116,7 @@ class _LoweringOfCalls(NativeLowering):  # type: ignore[misc]
 
 
 class _CompilerOfCalls(CompilerBase):  # type: ignore[misc]
-    """Numba's compiler, of functions that are always called."""
+    """Numba's compiler for functions that are always called."""
 
     def define_pipelines(self) -> list[Any]:
         usual, passes = DefaultPassBuilder.define_nopython_pipeline(self.state), PassManager("outlast_calls")
@@ -131,9 +131,9 @@ def kernel(function: Function, *, inline: Literal["always", "may", "never"] = "a
 
     Args:
         function: A Python function in the subset of Python that numba compiles.
-        inline: Whether it is compiled into every kernel that calls it; LLVM decides about those that may be. A call
-            that is not inlined takes some fifty instructions for each table among its arguments; inlined, only the
-            columns that are used cost anything.
+        inline: Whether it is compiled into every kernel that calls it; with "may", LLVM decides. A call that is not
+            inlined takes about fifty instructions for each table among its arguments; inlined, only the columns used
+            have a cost.
     """
     options = {**options_of(function), "forceinline": inline == "always"}
     options |= {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
@@ -146,12 +146,12 @@ def kernel(function: Function, *, inline: Literal["always", "may", "never"] = "a
 
 
 def noinline_kernel(function: Function) -> Function:
-    """Compile a kernel that may be called: a large one with several callers and scalars, not tables, as arguments."""
+    """Compile a kernel that may be called: a large one with several callers, and scalars, not tables, as arguments."""
     return kernel(function, inline="may")
 
 
 def called_kernel(function: Function) -> Function:
-    """Compile a kernel that is always called: a large one that is seldom needed, and would slow down what is usual."""
+    """Compile a kernel that is always called: a large one that is seldom needed and would slow down other code."""
     return kernel(function, inline="never")
 
 
@@ -175,18 +175,18 @@ def load_library(file: str) -> None:
 
 
 def has_symbol(name: str) -> bool:
-    """Return whether a kernel that calls `name` would link."""
+    """Return whether a kernel that calls `name` can be linked."""
     return llvmlite.binding.address_of_symbol(name) is not None
 
 
 class External(types.ExternalFunction):  # type: ignore[misc]
-    """A C function that kernels call. cure: what users can do if Python would have to call it."""
+    """A C function that kernels call. cure: what users can do if Python has to call it."""
 
     cure = ""
 
     @property
     def refusal(self) -> str:
-        """A text that says why Python cannot call it, and what to do."""
+        """The reason why Python cannot call it, with the cure."""
         return f"only machine code can call the C function {self.symbol}; {self.cure}"
 
     def __call__(self, *arguments: Any) -> Any:
@@ -210,7 +210,7 @@ def external(name: str, returns: str, *arguments: str, cure: str) -> Any:
 
 
 def callback(function: Any, *arguments: str) -> int:
-    """Compile a function without result for a C library to call, and return its address, which stays valid.
+    """Compile a function without result for a C library, and return its address, which stays valid.
 
     arguments: Numba's names of their types; a pointer is "intp".
     """
@@ -231,9 +231,9 @@ class Intrinsic(_Intrinsic):  # type: ignore[misc]
 
 
 def intrinsic(python: Function) -> Callable[[Callable[..., Any]], Function]:
-    """Decorate what numba calls the definition of an intrinsic: a function that kernels and Python can call.
+    """Decorate the definition of an intrinsic (numba's term): a function that kernels and Python can call.
 
-    python: Its plain form, which is all that is left of it under NUMBA_DISABLE_JIT.
+    python: Its plain form, used alone under NUMBA_DISABLE_JIT.
     """
 
     def define(definition: Any) -> Any:

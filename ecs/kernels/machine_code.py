@@ -1,12 +1,12 @@
-"""Machine code: numba compiles functions to object files; a loader is all that later processes need to run them.
+"""Machine code: numba compiles functions to object files; later processes only need a loader to run them.
 
 Numba finishes each function as if Python called it: it also optimises and translates the callees, although each caller
-has its own, inlined copy of them. Here callees stay LLVM code (`Library`); only the function that is asked for is
-linked with them, optimised and translated. All symbols but its own are internal, so that objects of different versions
-of a game can be loaded side by side.
+has its own, inlined copy of them. Here callees stay LLVM code (`Library`); only the requested function is linked with
+them, optimised and translated. All symbols but its own are internal, so that objects of different versions of a game
+can be loaded side by side.
 
-This file alone uses the inner parts of numba that make and load machine code. Other files use its representation of
-functions, to check them, and its interface for extensions. These parts are those of the versions in pyproject.toml.
+Only this file uses the internal parts of numba that produce and load machine code. Other files use its representation
+of functions, to check them, and its interface for extensions. These parts are those of the versions in pyproject.toml.
 """
 
 import ctypes
@@ -31,13 +31,13 @@ ENVIRONMENTS: list[Any] = []  # numba's environments of loaded code, kept alive 
 
 
 class Code(NamedTuple):
-    """A compiled function: its symbol, the object file, and what that needs."""
+    """A compiled function: its symbol, the object file, and its dependencies."""
 
     symbol: str
     image: bytes
-    constants: dict[str, list[Any]]  # that its calls of Python (print) need, by symbol
+    constants: dict[str, list[Any]]  # for its calls of Python (print), by symbol
     externals: list[str]  # symbols of the C functions that it calls
-    portable: bool = True  # whether other processes can load it; not with addresses of this one, as of a large array
+    portable: bool = True  # whether other processes can load it; not with addresses of it, as of a large array
 
 
 class Library(JITCodeLibrary):  # type: ignore[misc]
@@ -50,7 +50,7 @@ class Library(JITCodeLibrary):  # type: ignore[misc]
         self._machine_code: Any = None
 
     def finalize(self) -> None:
-        """Do nothing: it is finished together with its caller."""
+        """Do nothing: the function is finished together with its caller."""
         self._finalized = True
 
     @property
@@ -65,7 +65,7 @@ class Library(JITCodeLibrary):  # type: ignore[misc]
             self._codegen.set_env(name, environment)
 
     def get_pointer_to_function(self, name: str) -> int:
-        """Return the address of the function, which is translated as Python calls it, too; 0 if it is not here."""
+        """Return the address of the function, which is also translated since Python calls it; 0 if it is not here."""
         if not any(function.name == name for function in _defined(self._final_module)):
             return 0
         if self._machine_code is None:
@@ -75,19 +75,19 @@ class Library(JITCodeLibrary):  # type: ignore[misc]
         return int(self._machine_code.get_pointer_to_function(name))
 
     def _complete_module(self) -> Any:
-        """Return the function with its callees, to be translated."""
+        """Return the function with its callees, for translation."""
         module = self._get_module_for_linking().clone()
         for function in _defined(self._final_module):
-            module.get_function(function.name).linkage = "external"  # else it is left out, as nothing calls it
+            module.get_function(function.name).linkage = "external"  # otherwise it is left out, as nothing calls it
         return module
 
     def serialize_using_object_code(self) -> tuple[str, str, bytes]:
-        """Return what numba's own cache keeps, if a user's function asks for that cache."""
+        """Return the content for numba's own cache, if a user's function requests that cache."""
         return self.name, "bitcode", self._complete_module().as_bitcode()
 
     @classmethod
     def _unserialize(cls, codegen: Any, state: Any) -> Any:
-        """Load a function from numba's own cache: it is complete, so it becomes a library of numba's own kind."""
+        """Load a function from numba's own cache: it is complete, so it becomes an ordinary library of numba."""
         codegen._library_class = JITCodeLibrary
         try:
             return JITCodeLibrary._unserialize(codegen, state)
@@ -103,7 +103,7 @@ class Library(JITCodeLibrary):  # type: ignore[misc]
         return self._merged
 
     def _callees(self) -> list[JITCodeLibrary]:
-        """Return the libraries of all callees, callers first: LLVM links only what is called already."""
+        """Return the libraries of all callees, callers first: LLVM links only functions that are already called."""
         found, seen = list[JITCodeLibrary](), set[JITCodeLibrary]()
 
         def visit(library: JITCodeLibrary) -> None:
@@ -132,8 +132,8 @@ class Library(JITCodeLibrary):  # type: ignore[misc]
             environments |= getattr(library, "environments", {})
         for value in self._final_module.global_variables:
             if value.name in environments:
-                value.linkage = "linkonce_any"  # left out if no call of Python needs it
-        for _ in range(2):  # the first pass inlines; the second vectorizes the loops in what was inlined
+                value.linkage = "linkonce_any"  # left out if unused by calls of Python
+        for _ in range(2):  # the first pass inlines; the second vectorizes loops in inlined code
             self._optimize_final_module()
         constants: dict[str, list[Any]] = {}
         for value in self._final_module.global_variables:
@@ -141,8 +141,8 @@ class Library(JITCodeLibrary):  # type: ignore[misc]
                 values = list(environments[value.name].consts)
                 value.name = f"{symbol}.{len(constants)}"
                 constants[value.name] = values
-        # What is not inlined may have lost arguments. Numba's own copy of it must have another name: the loader takes a
-        # symbol that it knows, even an internal one, for each later copy.
+        # Functions that are not inlined may have lost arguments. Numba's own copy must have another name: the loader
+        # uses a known symbol, even an internal one, for each later copy.
         for k, function in enumerate(each for each in _defined(self._final_module) if each.name != symbol):
             function.name = f"{symbol}:{k}"
         self._final_module.verify()
@@ -163,9 +163,9 @@ def _own_module(library: Any) -> Any:
 
 
 def compile_function(function: Callable[..., None], options: dict[str, Any], *, python: bool = False) -> Code:
-    """Compile a function of int64 arguments, with options of numba.njit. Raises what numba raises.
+    """Compile a function of int64 arguments, with options of numba.njit. Raises errors of numba.
 
-    python: whether Python is to call it (see `as_python`), or other compiled code.
+    python: whether Python calls it (see `as_python`), or other compiled code.
     """
     codegen = cpu_target.target_context.codegen()
     with global_compiler_lock:
@@ -204,7 +204,7 @@ def load_code(codes: Iterable[Code]) -> list[int]:
 
 
 def _missing(codes: Iterable[Code]) -> list[str]:
-    """Return the C functions whose address this process does not know; calling them would call address 0."""
+    """Return the C functions without a known address in this process; a call of them would be to address 0."""
     names = {name for code in codes for name in code.externals}
     return sorted(name for name in names if llvmlite.binding.address_of_symbol(name) is None)
 
@@ -219,7 +219,7 @@ def as_python(address: int) -> Any:
 def call_address(typing: Any, address: Any, arguments: Any, first: Any, last: Any, error: Any) -> Any:
     """Call the compiled function at `address` with the three int64 that follow, in compiled code.
 
-    error: the address of an int64 that gets the address of the exception, if the function raises one. The result is its
+    error: the address of an int64 that gets the address of the exception, if the function raises one. Returns its
     status: 0 and -2 mean success, all others an exception.
     """
 
@@ -251,7 +251,7 @@ def prefetch(typing: Any, address: Any) -> Any:
 def exception_at(address: int) -> tuple[type[BaseException], tuple[Any, ...], str]:
     """Return the exception of a compiled function: type, arguments, file and line ("" if numba lost them).
 
-    Arguments that are not constants are "...": only Python shows them. address: what `call_address` left at `error`.
+    Arguments that are not constants are "...": only Python shows them. address: result of `call_address` at `error`.
     """
     data = ctypes.c_void_p.from_address(address).value
     size = ctypes.c_int32.from_address(address + ctypes.sizeof(ctypes.c_void_p)).value
@@ -264,7 +264,7 @@ def exception_at(address: int) -> tuple[type[BaseException], tuple[Any, ...], st
 
 @intrinsic  # type: ignore[untyped-decorator]
 def atomic_add(typing: Any, address: Any, number: Any) -> Any:
-    """Add to the int64 at an address, and return what it was, in compiled code: one step for all threads."""
+    """Add to the int64 at an address, and return its old value, in compiled code: atomic for all threads."""
     return types.int64(types.int64, types.int64), lambda context, builder, signature, values: builder.atomic_rmw(
         "add", _word(builder, values[0]), values[1], "seq_cst"
     )

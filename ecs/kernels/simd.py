@@ -7,8 +7,8 @@
         hits &= hits - 1
 
 A kernel that tests all rows, of which few pass, finds these few with a few vector instructions. Vectors have sums,
-differences, products and comparisons, each lane rounded as a scalar would be. In kernels, vectors and masks are types
-of their own; in plain Python, they are numpy arrays of 16. A bitset has 16 bits for each block: bit j of block b is row
+differences, products and comparisons, each lane rounded like a scalar. In kernels, vectors and masks have their own
+types; in plain Python, they are numpy arrays of 16. A bitset has 16 bits for each block: bit j of block b is row
 16 b + j (Bitset in declarations.access).
 
 A column may be read past its end. The values there are arbitrary, and no bitset includes these rows.
@@ -33,8 +33,8 @@ SIMD_WIDTH, SIMD_SHIFT = 16, 4  # row e is bit e & SIMD_WIDTH - 1 of block e >> 
 FLOATS = ir.VectorType(ir.FloatType(), SIMD_WIDTH)
 BOOLEANS = ir.VectorType(ir.IntType(1), SIMD_WIDTH)
 INDEX, BYTE = ir.IntType(32), ir.IntType(8)
-BYTES = 64  # how many bytes are compared at a time
-LARGEST, NO_BYTE = 254, 255  # what store_bytes writes at most; what it writes in place of lanes that are left out
+BYTES = 64  # bytes compared at a time
+LARGEST, NO_BYTE = 254, 255  # the maximum that store_bytes writes; its value for lanes that are left out
 
 
 class VectorType(types.Type):  # type: ignore[misc]
@@ -78,7 +78,7 @@ def _broadcast(builder: Any, value: Any) -> Any:
 
 
 def _repeat(builder: Any, value: Any, count: int) -> Any:
-    """Return a vector with a scalar in each of so many lanes."""
+    """Return a vector with a scalar in each of `count` lanes."""
     nothing = ir.Constant(ir.VectorType(value.type, count), ir.Undefined)
     first = builder.insert_element(nothing, value, ir.Constant(INDEX, 0))
     return builder.shuffle_vector(first, nothing, ir.Constant(ir.VectorType(INDEX, count), [0] * count))
@@ -118,7 +118,7 @@ def _check_column(column: Any, element: Any, written: bool = False) -> None:
 def _pointer(context: Any, builder: Any, kind: Any, arguments: Any, vector: Any, whole: bool = False) -> Any:
     """Return the address of a vector in an array, given the index of its first element.
 
-    In a user's system, an IndexError follows if that is not in the array; whole: if any element is not.
+    In a user's system, raises IndexError if the first element (with `whole`, any element) is outside the array.
     """
     array, start = arguments[:2]
     data = builder.extract_value(array, context.data_model_manager[kind].get_field_position("data"))
@@ -221,7 +221,7 @@ def trailing_zeros(typing: Any, word: Any) -> Any:
 
 @intrinsic(_python_store_bytes)
 def store_bytes(typing: Any, column: Any, start: Any, value: Any, bits: Any) -> Any:
-    """(uint8 array, start, vector, bitset): write a vector, rounded down to whole numbers from 0 to LARGEST.
+    """(uint8 array, start, vector, bitset): write a vector, rounded down to integers from 0 to LARGEST.
 
     NaN becomes 0. Lanes that are not in the bitset become NO_BYTE.
     """

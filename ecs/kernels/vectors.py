@@ -1,4 +1,4 @@
-"""Vectors of 16 float32 at addresses, for the kernels of networks, and products of matrices that are made of them.
+"""Vectors of 16 float32 at addresses, for the kernels of networks, and products of matrices made of them.
 
 PyTorch computes products of matrices this small at half the speed or less, and needs some microseconds for each call.
 """
@@ -20,7 +20,7 @@ HEAD = 8  # numbers of a head of attention: half a vector
 FLOAT, BYTES = 4, 4 * SIMD_WIDTH  # bytes of a number, and of a vector
 SCALAR, WORD, WORDS = ir.FloatType(), ir.IntType(32), ir.VectorType(ir.IntType(32), SIMD_WIDTH)
 SERIES = (1 / 720, 1 / 120, 1 / 24, 1 / 6, 0.5, 1.0, 1.0)  # of the exponential, for numbers of up to log(2) / 2
-LEAST = -87.0  # the exponential of a smaller number is taken to be that of this one, 2e-38
+LEAST = -87.0  # smaller numbers have the exponential of this one, 2e-38
 
 
 def _vector(address: int) -> Any:
@@ -30,7 +30,7 @@ def _vector(address: int) -> Any:
 
 
 def _function(builder: Any, name: str, count: int) -> Callable[..., Any]:
-    """Return a function of LLVM's, of so many vectors."""
+    """Return a function of LLVM with `count` vectors as arguments."""
     kind = ir.FunctionType(FLOATS, [FLOATS] * count)
     found = cgutils.get_or_insert_function(builder.module, kind, f"llvm.{name}.v{SIMD_WIDTH}f32")
     return lambda *values: builder.call(found, values)
@@ -118,7 +118,7 @@ def exponential(builder: Any, value: Any) -> Any:
     multiply = _function(builder, "fmuladd", 3)
     value = builder.select(builder.fcmp_ordered("<", value, all_of(LEAST)), all_of(LEAST), value)
     whole = _function(builder, "floor", 1)(multiply(value, all_of(1 / np.log(2)), all_of(0.5)))
-    rest = multiply(whole, all_of(-0.693359375), value)  # log(2) in two parts, as it is no float32
+    rest = multiply(whole, all_of(-0.693359375), value)  # log(2) in two parts, since it is not a float32
     rest = multiply(whole, all_of(2.12194440e-4), rest)
     found = all_of(SERIES[0])
     for factor in SERIES[1:]:
@@ -135,7 +135,7 @@ def _matrix(address: int, row: int, step: int, shape: tuple[int, int]) -> Any:
 
 
 def _block(rows: int, vectors: int) -> Any:
-    """Make the intrinsic that computes one block: so many rows of so many vectors. For arguments, see `product`."""
+    """Return the intrinsic for one block of `rows` rows of `vectors` vectors. For arguments, see `product`."""
 
     def plain(
         a: int,
@@ -215,14 +215,14 @@ def product(
         a_step: Bytes from one of its columns to the next.
         b: The second factor (depth, columns).
         b_step: Bytes from one of its rows to the next; its columns are side by side.
-        start: What is added, (rows, columns); may be `c` itself.
+        start: The summand, (rows, columns); may be `c` itself.
         start_row: Bytes from one of its rows to the next; 0: the same for all.
         c: The result (rows, columns).
         c_row: Bytes from one of its rows to the next.
         rows: Rows of a and c.
         columns: Columns of b and c, a multiple of 16.
         depth: Columns of a.
-        low: What smaller results are replaced by; minus infinity for none.
+        low: Lower limit of the results; minus infinity for none.
     """
     wide, whole = columns - columns % 32, rows - rows % 8
     for i in range(0, whole, 8):

@@ -1,8 +1,8 @@
 """Numbers that can vary, differ by role or change while worlds run, and reasons why others cannot.
 
-A number can vary or differ by role if systems get it, and if what is declared names it by `ref`. It can change while
-worlds run if only systems get it: kernels read numbers from their argument blocks, so another value costs nothing and
-compiles nothing. But what is made only once, with the worlds, stays: tables, what entities begin with, the schedule,
+A number can vary or differ by role if systems get it, and if declarations name it by `ref`. It can change while worlds
+run if only systems get it: kernels read numbers from their argument blocks, so another value has no cost and needs no
+compiling. But everything that is created once with the worlds is fixed: tables, first values of entities, the schedule,
 scratch memory, bounds of spaces.
 """
 
@@ -21,11 +21,11 @@ from ..kernels.errors import NumberError, meant
 from .layout import MemoryLayout
 from .numbers import Number, encode
 
-Patch = tuple[int, int, int]  # a word, and the place in the state and the size in bytes of the prefab value that it is
+Patch = tuple[int, int, int]  # a word, and the place in the state and the size in bytes of its prefab value
 
 
 def check_numbers(layout: MemoryLayout) -> None:
-    """Raise NumberError if a number cannot vary or differ by role as it should."""
+    """Raise NumberError if a number cannot vary or differ by role as requested."""
     for by_role in (False, True):
         patches(layout, by_role)
     if layout.varied or layout.per_agent:
@@ -40,11 +40,11 @@ def patches(layout: MemoryLayout, by_role: bool) -> list[Patch]:
 
 
 def _patches(layout: MemoryLayout, number: Number) -> list[Patch]:
-    """Return the prefab values that are a number.
+    """Return the prefab values that equal a number.
 
     Raises:
-        NumberError: The number cannot differ: something is declared by its value, rather than by `ref`, or it is a
-            prefab value that cannot hold it; or nothing depends on it.
+        NumberError: The number cannot differ: a declaration uses its value, not `ref`; or its prefab value has a column
+            that cannot hold it; or nothing depends on it.
     """
     what = f"{number.name} cannot {'differ by role' if number.by_role else 'vary'}"
     if reason := _fixed(layout, number) or fixed_by(layout, number.module, number.field):
@@ -65,7 +65,7 @@ def _patches(layout: MemoryLayout, number: Number) -> list[Patch]:
 
 
 def _fixed(layout: MemoryLayout, number: Number) -> str:
-    """Return why a number that counts something or sizes rows cannot differ in this way, in words; "" if it can."""
+    """Return the reason why a number that counts entities or sizes rows cannot differ; "" if it can."""
     declared = layout.declared[number.module]
     if number.by_role and (counted := declared.kinds.get(number.field)):
         return f"it counts the entities {counted[0]!r}"
@@ -86,7 +86,7 @@ def _field_sizes(module: Module) -> tuple[tuple[str, str, int | str], ...]:
 
 
 def fixed_by(layout: MemoryLayout, k: int, field: str) -> str:
-    """Return why a number of the mechanic `k` is fixed when worlds are made, in words; "" if it is not."""
+    """Return the reason why a number of the mechanic `k` is fixed when worlds are made; "" if it is not."""
     declared, module = layout.declared[k], layout.modules[k]
     kind = type(module).__name__
     if method := declared.reads.get(field):
@@ -100,7 +100,7 @@ def fixed_by(layout: MemoryLayout, k: int, field: str) -> str:
 
 
 def _misfit(layout: MemoryLayout, number: Number, prefab: PrefabNumber) -> str:
-    """Return why a prefab value cannot be a number that differs, in words; "" if it can."""
+    """Return the reason why a prefab value cannot be a number that differs; "" if it can."""
     what, held = f"{prefab.component.__name__}.{prefab.column}", prefab.component.columns[prefab.column]
     if number.by_role and not (prefab.kind and layout.archetypes[prefab.kind].roles):
         return f"{what}{f' of {prefab.kind!r}' * bool(prefab.kind)} is the number, and only agents have roles"
@@ -135,17 +135,17 @@ def changed_modules(
     known, found = owners(present), list(present)
     for name, value in numbers.items():
         if name not in known:
-            raise NumberError(f"there is no number '{name}' here; {meant(name, known)}")
+            raise NumberError(f"unknown number '{name}'; {meant(name, known)}")
         k, own = known[name]
         found[k] = found[k].replace(**{own: value})
         if reason := next(_reasons(layout, systems, k, layout.modules[k].replace(**{own: value}), own), ""):
             raise NumberError(f"{name} cannot change while worlds run: {reason}; make new worlds with the other value")
-    layout.with_modules(found).at_extremes()  # raises if they are impossible together
+    layout.with_modules(found).at_extremes()  # raises if they do not fit each other
     return found
 
 
 def differing(modules: Sequence[Module], others: Sequence[Module]) -> dict[str, int | float]:
-    """Return, by full name, the numbers of `others` that differ from those of `modules`, as kernels get them."""
+    """Return, by full name, the numbers of `others` that differ from those of `modules`, in the form for kernels."""
     return {
         f"{other.name}_{item.name}": other.value(item.name)
         for module, other in zip(modules, others, strict=True)
@@ -156,7 +156,7 @@ def differing(modules: Sequence[Module], others: Sequence[Module]) -> dict[str, 
 
 
 def _reasons(layout: MemoryLayout, systems: Sequence[System], k: int, other: Module, number: str) -> Iterator[str]:
-    """Yield why worlds of `layout` cannot go on with `other` as module `k`, from which it differs in one number."""
+    """Yield the reasons why worlds of `layout` cannot continue with `other`, unlike module `k` in one number."""
     module, declared = layout.modules[k], layout.declared[k]
     full = f"{module.name}_{number}"
     if full in layout.per_agent:
@@ -164,7 +164,7 @@ def _reasons(layout: MemoryLayout, systems: Sequence[System], k: int, other: Mod
     if full in layout.varied:
         yield "it varies from world to world, so give_numbers() sets it"
     if number in {*declared.kinds, *declared.sizes, *(prefab.number for prefab in declared.prefabs)}:
-        yield "it is part of what an episode begins with"
+        yield "it is part of the initial state of episodes"
     if reason := fixed_by(layout, k, number):
         yield reason
     if [*module.systems()] != [*other.systems()]:
@@ -187,7 +187,7 @@ def _ends(layout: MemoryLayout) -> dict[str, dict[str, tuple[Any, Any]]]:
 
 
 def _plain(given: Any) -> Any:
-    """Return bounds as objects that can be compared."""
+    """Return bounds as comparable objects."""
     if isinstance(given, Mapping):
         return {key: _plain(value) for key, value in given.items()}
     if isinstance(given, (tuple, list)):

@@ -40,7 +40,7 @@ class Place:
 
 
 def place_columns(components: Iterable[type[Component]], dims: dict[str, int]) -> tuple[list[Place], int]:
-    """Return the places of all columns in a row, and the bytes of a state, a whole number of cache lines."""
+    """Return the places of all columns in a row, and the bytes of a state, a multiple of cache lines."""
     places, offset = list[Place](), 0
     for component in components:
         for name, column in component.columns.items():
@@ -61,7 +61,7 @@ def fill(table: Any, where: Any, part: Component, label: str, dims: Mapping[str,
         table: The columns of the component.
         where: The index of the part.
         part: The component with its values.
-        label: What errors begin with.
+        label: Beginning of errors.
         dims: The sizes of the scenario's dimensions.
 
     Raises:
@@ -73,11 +73,11 @@ def fill(table: Any, where: Any, part: Component, label: str, dims: Mapping[str,
         value = as_stored(f"{label}.{name}", column, given)
         if there.size and (ends := column.range(dims)) and not (ends[0] <= value.min() and value.max() <= ends[1]):
             raise DeclarationError(
-                f"{label}.{name} begins as {value.tolist()!r:.60}: {ends[0]} to {ends[1]} is its range"
+                f"{label}.{name} begins as {value.tolist()!r:.60}: must be from {ends[0]} to {ends[1]}"
             )
         try:
             there[...] = value
         except ValueError:
             raise DeclarationError(
-                f"{label}.{name}: a value of the shape {value.shape} is no prefab of {there.shape}"
+                f"{label}.{name}: the value has shape {value.shape}, but shape {there.shape} is required"
             ) from None

@@ -11,22 +11,22 @@ from ..kernels.errors import DeclarationError, NumberError, did_you_mean
 from ..kernels.frozen_values import is_outside
 from ..kernels.integers import is_whole
 
-NEEDED = 'a whole number, 0 or more, or names of dimensions and numbers, as in "agents + boxes" or "agents - 1"'
+NEEDED = 'an integer >= 0, or names of dimensions and numbers, as in "agents + boxes" or "agents - 1"'
 
 
 def dimension_sizes(declared: Sequence[Declared], given: Mapping[str, int]) -> dict[str, int]:
-    """Add up the sizes that mechanics declare.
+    """Return the sums of the sizes that mechanics declare.
 
     Args:
-        declared: What the mechanics declare.
+        declared: The declarations of the mechanics.
         given: Sizes that the engine knows, which modules may name, and add to.
 
     Returns:
         The size of every dimension that a module declares, by name.
 
     Raises:
-        DeclarationError: A size is neither a number nor names of dimensions; dimensions name each other in a circle; or
-            no imported mechanic has a dimension that is named. If its mechanic is just left out, it counts as 0.
+        DeclarationError: A size is not a number or names of dimensions; dimensions form a circle; or no imported
+            mechanic has a named dimension. If its mechanic is only left out, it counts as 0.
         NumberError: A dimension is larger than MOST.
     """
     terms: dict[str, list[int | str]] = {}
@@ -63,7 +63,7 @@ def check_indices(module: Module, components: Sequence[type[Component]], dims: M
     """Raise DeclarationError if a column is declared as an index of a dimension that no imported mechanic has.
 
     Args:
-        module: Any module; it finds the imported ones.
+        module: Any module; gives access to the imported ones.
         components: The components of the scenario.
         dims: The sizes of its dimensions. Those of mechanics that it lacks may be missing.
     """
@@ -73,12 +73,12 @@ def check_indices(module: Module, components: Sequence[type[Component]], dims: M
                 if not (dim.isdigit() or dim in dims or _has_a_mechanic(module, dim)):
                     hint = did_you_mean(dim, dims) or "take names and numbers, with + between them"
                     raise DeclarationError(
-                        f"{component.__name__}.{name} is below {column.below!r}: no dimension is called {dim!r}; {hint}"
+                        f"{component.__name__}.{name} is below {column.below!r}: unknown dimension {dim!r}; {hint}"
                     )
 
 
 def check_owners(modules: Sequence[Module], engine: Collection[str], shared: Collection[Any]) -> None:
-    """Refuse a mechanic from outside of outlast that adds to a dimension of the engine or of outlast's mechanics.
+    """Check that mechanics from outside of outlast do not add to dimensions of the engine or of outlast's mechanics.
 
     Args:
         modules: Instances of Module.
@@ -86,7 +86,7 @@ def check_owners(modules: Sequence[Module], engine: Collection[str], shared: Col
         shared: The dimensions of outlast's mechanics that others may add to: counts of entities, capacities of events.
 
     Raises:
-        DeclarationError: A mechanic does that, for example as it gives its own dimension a name that is taken.
+        DeclarationError: A mechanic does, for example because its own dimension has a name that is taken.
     """
     declared = {dim: module.name for module in modules if not is_outside(type(module)) for dim in module.dims()}
     owners = declared | dict.fromkeys(engine, "the engine")
@@ -106,7 +106,7 @@ def _check_size(module: Module, dim: str, size: Any) -> None:
 
 
 def _has_a_mechanic(module: Module, dim: str) -> bool:
-    """Return whether an imported mechanic has the dimension. module: any module; it finds the imported ones."""
+    """Return whether an imported mechanic has the dimension. module: any module; gives access to the imported ones."""
     return bool(module.providing(lambda other: dim in other.dims()))
 
 
@@ -114,6 +114,4 @@ def _check_known(module: Module, dim: str, trail: tuple[str, ...], known: set[st
     """Raise DeclarationError if no imported mechanic has the dimension. trail: the dimensions that lead to it."""
     if not _has_a_mechanic(module, dim):
         hint = did_you_mean(dim, known) or f"known: {', '.join(sorted(known))}"
-        raise DeclarationError(
-            f"the dimension '{trail[-1]}' is to be of the size of '{dim}', which no module has; {hint}"
-        )
+        raise DeclarationError(f"the dimension '{trail[-1]}' has the size of '{dim}', which no module has; {hint}")

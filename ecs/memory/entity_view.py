@@ -1,4 +1,4 @@
-"""One entity of one world, to look at while debugging."""
+"""One entity of one world, for debugging."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ from .tables import Tables
 
 
 class EntityView:
-    """One entity with all its components, showing what the tables hold now.
+    """One entity with all its components, with the present values of the tables.
 
     `view.Health.points` and `view[Health].points` are values; a column with more dimensions is an array that shares
     the table's memory. `print(view)` shows everything.
@@ -28,14 +28,14 @@ class EntityView:
         index: Its number among the entities of its kind, from 0.
 
     Raises:
-        DeclarationError: There is no such row or world.
+        DeclarationError: The row or the world does not exist.
     """
 
     def __init__(self, worlds: Tables, row: int, world: int = 0) -> None:
         asked: list[tuple[str, Any, int]] = [("row", row, worlds.dims["rows"]), ("world", world, worlds.count)]
         for name, value, count in asked:
             if not is_whole(value, 0, count - 1):
-                raise DeclarationError(f"there is no {name} {value!r}: there are {count}, from 0 to {count - 1}")
+                raise DeclarationError(f"{name} {value!r} does not exist: there are {count}, from 0 to {count - 1}")
         self.row, self.world = int(row), int(world)
         spans = worlds.layout.spans
         self.archetype = next(name for name, span in spans.items() if row in span)
@@ -51,7 +51,7 @@ class EntityView:
         return component.Table(*(column[self.world, self.row] for column in self._tables[component]))
 
     def __getattr__(self, name: str) -> Any:
-        if "_tables" not in vars(self):  # it is being copied
+        if "_tables" not in vars(self):  # during a copy
             raise AttributeError(name)
         named = [component for component in self._tables if component.__name__ == name]
         if not named:

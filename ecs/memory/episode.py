@@ -24,17 +24,17 @@ STREAM = stream_number("roles")
 
 
 class Plan(NamedTuple):
-    """The arrays by which the numbers of worlds, or those of agents, are drawn. A set is what a role draws from.
+    """The arrays for drawing the numbers of worlds, or of agents. A set has the distributions of a role.
 
     Attributes:
         rows: int32 (entities,), the rows of the agents; 0 for worlds.
         real: int8 (numbers,), 1 if words are float32.
-        spans: int32 (numbers, 2), the first word, and how many a value has.
+        spans: int32 (numbers, 2), the first word, and the number of words.
         streams: uint64 (numbers,), streams of random numbers.
         kinds: int8 (numbers, sets), kinds of distributions; a single value is a choice with one option.
         ends: float64 (numbers, sets, 2), lowest and highest value; 0 for choices.
         choices: int32 (words,), the words of all choices in a row.
-        options: int32 (numbers, sets, 2), where choices begin, and how many there are.
+        options: int32 (numbers, sets, 2), first word of the choices, and their number.
         patches: int32 (patches, 3), for prefab values: the word, its place in the state, and its size in bytes, 1 or 4.
     """
 
@@ -89,13 +89,13 @@ def absences(layout: MemoryLayout) -> Array:
 
 
 class RolePlan(NamedTuple):
-    """The arrays by which agents get their roles.
+    """The arrays for the roles of agents.
 
     Attributes:
-        fixed: int32 (counts, agents), the role of each agent before any drawing, in worlds of the fewest agents, of one
+        fixed: int32 (counts, agents), the role of each agent before drawing, in worlds with the fewest agents, with one
             more and so on.
-        groups: int32 (counts, groups + 1), where the groups of agents within which roles are drawn begin; 1 entry if
-            there are none.
+        groups: int32 (counts, groups + 1), starts of the groups of agents within which roles are drawn; 1 entry without
+            groups.
     """
 
     fixed: Array
@@ -106,7 +106,7 @@ def role_plan(layout: MemoryLayout) -> RolePlan:
     """Return the arrays for `assign`, for a layout with roles.
 
     Raises:
-        NumberError: There are no sides to draw within, or the sizes of sides differ from world to world.
+        NumberError: Roles are drawn by side without sides, or the sizes of sides differ between worlds.
     """
     assert layout.roles is not None
     counts = layout.agent_counts
@@ -140,9 +140,9 @@ def between(kind: int, low: float, high: float, key: Any) -> float:
 
 @kernel
 def take_key(clock: Any, given: Any, start: int) -> None:
-    """Set the key of an episode's random numbers: a given one, or the world's own, which goes on counting.
+    """Set the key of an episode's random numbers: a given one, or the world's own, whose count continues.
 
-    given: the world's column of Given. start: where the keys are in it.
+    given: the world's column of Given. start: index of the keys.
     """
     own = start + 4
     if given[own] != 0:
@@ -158,7 +158,7 @@ def take_key(clock: Any, given: Any, start: int) -> None:
 def draw(clock: Any, roles: Any, values: Any, reals: Any, plan: Any) -> None:
     """Draw numbers, keyed by the index of the agent (0 for worlds) in place of the tick.
 
-    roles: int32 (agents,), the set that each draws from. values, reals: the words, as int32 and as float32.
+    roles: int32 (agents,), the set of each. values, reals: the words, as int32 and as float32.
     """
     for n in range(plan.streams.size):
         width = plan.spans[n, 1]
@@ -177,7 +177,7 @@ def draw(clock: Any, roles: Any, values: Any, reals: Any, plan: Any) -> None:
 
 @kernel
 def patch(state: Any, state_bytes: Any, values: Any, patches: Any) -> None:
-    """Write numbers into the prefab values that they are. state, state_bytes: a world, as int32 and as uint8."""
+    """Write numbers into their prefab values. state, state_bytes: a world, as int32 and as uint8."""
     for p in range(patches.shape[0]):
         word, where = values[patches[p, 0]], patches[p, 1]
         if patches[p, 2] == 4:
@@ -198,13 +198,13 @@ def draw_of_world(
     plan: Any,
     absent: Any,
 ) -> None:
-    """Set the numbers of a world whose episode begins, and what is set by these numbers.
+    """Set the numbers of a world whose episode begins, and the values that depend on them.
 
     given: its column of Given. values, reals: its words of Varied, as int32 and as float32. state, state_bytes: its
-    whole state, as int32 and as uint8. absent: see `absences`.
+    state, as int32 and as uint8. absent: see `absences`.
     """
     take_key(clock, given, values.size)
-    draw(clock, plan.rows, values, reals, plan)  # the only row, 0, is also the number of the only set
+    draw(clock, plan.rows, values, reals, plan)  # the only row, 0, is also the index of the only set
     for k in range(values.size):
         if given[k] >> GIVEN:
             values[k] = np.int32(np.uint32(given[k] & WORD))
@@ -218,7 +218,7 @@ def draw_of_world(
 
 @kernel
 def assign(clock: Any, entities: Any, roles: Any, rows: Any, plan: Any) -> None:
-    """Set the roles of the agents of a world whose episode begins. rows: theirs; the last agents may be absent."""
+    """Set the roles of the agents of a world whose episode begins. rows: their rows; the last agents may be absent."""
     key = (clock.seed[0], clock.world[0], clock.episode[0], np.uint64(0), np.uint64(STREAM))
     present = 0
     for e in rows:
@@ -244,7 +244,7 @@ def draw_of_agents(
     plan: Any,
     role_plan: Any,
 ) -> None:
-    """Set roles and numbers of the agents of a world whose episode begins, and the prefab values that they are.
+    """Set roles and numbers of the agents of a world whose episode begins, and their prefab values.
 
     roles: the column of AgentRoles. values, reals: the words of AgentNumbers, as int32 and as float32.
     """
@@ -265,13 +265,13 @@ def check_absent(entities: Any) -> None:
     for e in range(entities.alive.size):
         if entities.alive[e] and not exists(entities, e):
             raise AbsentError(
-                "an entity is alive that this episode leaves out, as its number varies and is smaller here; "
-                "pass over rows for which exists(entities, e) is False"
+                "an entity is alive that this episode leaves out, since its number varies and is smaller here; "
+                "skip rows for which exists(entities, e) is False"
             )
 
 
 def published_rows(layout: MemoryLayout) -> list[tuple[Number, type[Component], str]]:
-    """Return what has a row for learners per entity of a varied count: the number, the component and the column."""
+    """Return the columns for learners with rows per entity of a varied count: the number, component and column."""
     return [
         (number, component, name)
         for number in layout.varied.values()
@@ -303,9 +303,9 @@ def shown(layout: MemoryLayout) -> Array:
 
 @kernel
 def clear_rows(rows: Any, count: Any) -> None:
-    """Clear the rows of absent agents, who observe nothing and get no rewards.
+    """Clear the rows of absent agents, which get no observations and rewards.
 
-    rows: float32 (most, n), contiguous. count: int32 (1,), how many agents are there.
+    rows: float32 (most, n), contiguous. count: int32 (1,), the number of agents.
     """
     for i in range(count[0], rows.shape[0]):
         for k in range(rows.shape[1]):
@@ -314,10 +314,10 @@ def clear_rows(rows: Any, count: Any) -> None:
 
 @kernel
 def advance_clock(world: Any, initial_image: Any, event_counts: Any, mode: int, kept: int) -> None:
-    """Count a tick, or start an episode, and forget the events of the previous tick.
+    """Count a tick, or start an episode, and clear the events of the previous tick.
 
-    world: the world's state as uint64, like initial_image. event_counts: see ecs.event.clear. kept: how many words at
-    the beginning of the state outlast an episode.
+    world: the world's state as uint64, like initial_image. event_counts: see ecs.event.clear. kept: number of words
+    at the beginning of the state that outlast an episode.
     """
     clear(event_counts)
     if mode == RESET:
@@ -330,7 +330,7 @@ def advance_clock(world: Any, initial_image: Any, event_counts: Any, mode: int, 
 
 @kernel
 def load_initial_state(world: Any, initial_image: Any, kept: int) -> None:
-    """Set the state, except the words that are kept, to what it is at the start of an episode."""
+    """Set the state, except the words that are kept, to the start of an episode."""
     for k in range(kept, initial_image.size):
         world[k] = initial_image[k]
 

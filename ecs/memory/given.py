@@ -1,4 +1,4 @@
-"""Numbers and keys that users give instead of draws: how they are encoded, and whether they could have been drawn."""
+"""Numbers and keys that users give instead of draws: their encoding, and checks that they could have been drawn."""
 
 from collections.abc import Hashable
 from typing import Any
@@ -13,20 +13,20 @@ from .numbers import AWAY, GIVEN, HERE, KEY, WORD, Number, encode
 
 
 def given_words(number: Number, layout: MemoryLayout, values: Any, count: int) -> Array:
-    """Encode the values that a user gives to some worlds, for the column of Given.
+    """Return the encoded values that a user gives to some worlds, for the column of Given.
 
     Args:
         number: The number.
         layout: A layout that varies it.
         values: One, or one for each of the worlds.
-        count: How many worlds.
+        count: Number of worlds.
 
     Returns:
         uint64 (count, width).
 
     Raises:
-        NumberError: The number of values is wrong, a value could not be drawn, or it is one of a free number that its
-            mechanic does not take.
+        NumberError: The number of values is wrong, a value could not be drawn, or the mechanic does not accept a value
+            of a free number.
     """
     module = layout.modules[number.module]
     listed = list(values) if has_one_each(values) else [values] * count
@@ -46,17 +46,17 @@ def given_words(number: Number, layout: MemoryLayout, values: Any, count: int) -
 
 
 def has_one_each(values: Any) -> bool:
-    """Return whether these are values for several worlds, one each; a tuple is a single value."""
+    """Return whether `values` has one value for each of several worlds; a tuple is a single value."""
     return isinstance(values, list) or (not isinstance(values, tuple) and np.ndim(values) > 0)
 
 
 def check_taken(number: Number, layout: MemoryLayout, value: tuple[float, ...]) -> None:
-    """Raise NumberError unless the mechanic takes this value of a free number."""
+    """Raise NumberError unless the mechanic accepts this value of a free number."""
     layout.modules[number.module].replace(**{number.field: value}).check(layout)
 
 
 def misfits(number: Number, layout: MemoryLayout, words: Array) -> Array:
-    """Return which worlds have words that could not have been drawn: bool (worlds,).
+    """Return whether the words of each world could not have been drawn: bool (worlds,).
 
     Args:
         number: The number.
@@ -84,7 +84,7 @@ def _could_be(number: Number, layout: MemoryLayout, row: Array) -> bool:
 
 
 def wrongly_given(layout: MemoryLayout, words: Array) -> str:
-    """Return what is wrong with words of Given from a file, which kernels use as unchecked indices; "" if nothing is.
+    """Return the fault in words of Given from a file, which kernels use as unchecked indices; "" if valid.
 
     Args:
         layout: A layout with varied numbers.
@@ -101,7 +101,7 @@ def wrongly_given(layout: MemoryLayout, words: Array) -> str:
             return f"{name} in world {w} is not of {number.distribution!r:.80}"
     for part in (KEY, AWAY):
         if (wrong := words[:, part][:, 0] > 1).any():
-            return f"the key of random numbers in world {int(wrong.argmax())} is none"
+            return f"the key of random numbers in world {int(wrong.argmax())} is invalid"
     if (wrong := (words[:, KEY][:, 0] == 1) & (words[:, KEY][:, 3] == 0)).any():
         return f"the key of random numbers in world {int(wrong.argmax())} is of episode 0: the first one is 1"
     return ""

@@ -1,6 +1,6 @@
 """The memory layout of a world: archetypes are ranges of rows, components are columns at offsets in its state.
 
-All packed columns of one world are contiguous, so a tick reads a single stretch of memory, and a world is saved, copied
+All packed columns of one world are contiguous, so a tick reads one block of memory, and a world is saved, copied
 or reset by copying bytes. Columns that environments return (actions, observations, signals) have their own buffers.
 """
 
@@ -49,7 +49,7 @@ from .numbers import (
     selecting,
 )
 
-ENGINE = (Clock, Entity, Given, Varied, AgentRoles, AgentNumbers)  # components that no module brings
+ENGINE = (Clock, Entity, Given, Varied, AgentRoles, AgentNumbers)  # components that modules do not bring
 
 
 class MemoryLayout:
@@ -62,18 +62,18 @@ class MemoryLayout:
         dims: Sizes by name of the dimension.
         labels: The labels of the modules by their kind, in alphabetical order, see declarations.access.Label.
         fields: Fields by key of the observation and by name, in order of their columns; only keys that declare fields.
-        events: The events, in the order of `event_type`, the memory that they take in a world.
+        events: The events, in the order of `event_type`, their memory in a world.
         varied: The numbers that differ from world to world, by name.
-        roles: The roles of agents, if there are any.
+        roles: The roles of agents, or None.
         per_agent: The numbers that differ from agent to agent, by name.
 
     Args:
         modules: The mechanics, in any order.
-        distributions: What numbers are drawn from for each episode of each world, by name, "module_number".
+        distributions: Distributions of numbers drawn for each episode of each world, by name, "module_number".
         observed: The drawn numbers that agents observe, in numbers.NumbersView.
-        roles: Which agents have numbers of their own.
-        varied: Instead of `distributions`, what a layout of the same mechanics has made of them.
-        fewer: Whether it is the layout of a world with just as many entities as it has, see `at_extremes`.
+        roles: Roles of agents with numbers of their own.
+        varied: Instead of `distributions`, the `varied` of a layout of the same mechanics.
+        fewer: Whether it is the layout of a world with exactly its number of entities, see `at_extremes`.
     """
 
     def __init__(
@@ -132,7 +132,7 @@ class MemoryLayout:
         check_owners(self.modules, engine, shared)
 
     def __repr__(self) -> str:
-        """Return a line for each archetype: its rows, whether they are alive after reset, and its components."""
+        """Return a line for each archetype: its rows, their state after a reset, and its components."""
         lines = [
             f"Layout({self.dims['rows']} rows, {len(self.components)} components, {self.world_bytes} bytes a world)"
         ]
@@ -170,7 +170,7 @@ class MemoryLayout:
         """Return the layouts with the extreme values of numbers that vary or differ by role; without any, this one.
 
         Args:
-            fewer: Whether they have just as many entities as counts say, instead of room for the highest counts.
+            fewer: Whether they have exactly the counted entities, not the capacity for the highest counts.
 
         Raises:
             NumberError: Values are impossible, by themselves or together; "role NAME: ..." for those of a role.
@@ -185,7 +185,7 @@ class MemoryLayout:
 
     @property
     def keyed(self) -> bool:
-        """Return whether episodes are levels, as numbers, walls or roles are drawn, so keys can be given; see Given."""
+        """Return whether episodes are levels with keys, since numbers, walls or roles are drawn; see Given."""
         drawn = any(module.draws_level for module in self.modules) or (self.roles is not None and self.roles.random)
         return bool(self.varied) or drawn
 
@@ -195,11 +195,11 @@ class MemoryLayout:
         return next((self.spans[name] for name, kind in self.archetypes.items() if kind.roles), range(0))
 
     def groups(self, agents: int | None = None) -> tuple[int, ...]:
-        """Return the sizes of the groups, such as teams, that a module splits agents (None: all) into; () if none."""
+        """Return the sizes of the groups, such as teams, of agents (None: all), by a module; () without groups."""
         return _groups(self.modules, self.dims.get("agents", 0) if agents is None else agents)
 
     def groupings(self, agents: int) -> set[tuple[int, ...]]:
-        """Return everything that `groups` can be in worlds of so many agents."""
+        """Return all possible values of `groups` in worlds with `agents` agents."""
         others = [replaced(self.modules, {n.name: v}) for n in self.varied.values() for v in n.distribution.values]
         return {_groups(modules, agents) for modules in (self.modules, *others)}
 
@@ -217,7 +217,7 @@ class MemoryLayout:
 
     @functools.cached_property
     def systems(self) -> tuple[System, ...]:
-        """The systems of the modules, with those that a module has only for some of the values that differ here."""
+        """The systems of the modules, including those that exist only for some of the differing values."""
         found = [system for module in self.modules for system in module.systems()]
         known = {system.label for system in found}
         for module in selecting(self.declared, (*self.per_agent.values(), *self.varied.values())):
@@ -227,7 +227,7 @@ class MemoryLayout:
         return tuple(system.among(self.brings) for system in found)
 
     def brings(self, parameter: Parameter) -> bool:
-        """Return whether these worlds have the components that a parameter names, and rows if it selects any."""
+        """Return whether these worlds have a parameter's components, and rows if it selects rows."""
         if parameter.kind in SELECTIONS.values():
             return len(self.rows(*parameter.components)) > 0
         return {*parameter.components} <= {*self.components}
@@ -240,7 +240,7 @@ class MemoryLayout:
         Args:
             modules: The same mechanics, in the same order.
             roles: Roles that replace the present ones.
-            fewer: Whether there are just as many entities as counts say, and no numbers that vary.
+            fewer: Whether worlds have exactly the counted entities, and no varied numbers.
         """
         if fewer:
             return type(self)(modules, roles=roles or self.roles, fewer=True)
@@ -248,7 +248,7 @@ class MemoryLayout:
         return type(self)(modules, None, observed, roles or self.roles, self.varied)
 
     def numbers(self, module: str) -> dict[str, Any]:
-        """Return the numbers of the module of that name, or of a subclass of it, by name; {} if there is none."""
+        """Return the numbers of the module of that name, or of a subclass of it, by name; {} if it is missing."""
         found = [each for each in self.modules if module in (getattr(base, "name", "") for base in type(each).__mro__)]
         return {item.name: getattr(each, item.name) for each in found for item in fields(each)}
 
@@ -269,11 +269,11 @@ class MemoryLayout:
             )
 
     def _place_roles(self, roles: Roles) -> dict[str, Number]:
-        """Find the numbers that differ by role, and add their dimensions. NumberError if roles do not fit."""
+        """Return the numbers that differ by role, and add their dimensions. NumberError if roles do not fit."""
         if not self.agents:
             makers = self.modules[0].providers(lambda module: any(kind.roles for kind in module.archetypes()))
             raise NumberError(f"roles: this scenario has no agents to have them; add {makers}")
-        if not self.fewer:  # else, those that do not fit find nobody
+        if not self.fewer:  # otherwise roles that do not fit have no agents
             roles.of_agents(len(self.agents))
         found = place_by_role(self.modules, roles, self.dims["rows"])
         roles.check_apart(self.varied)
@@ -290,7 +290,7 @@ class MemoryLayout:
         self.fields["numbers"] = shown
 
     def _events(self) -> tuple[type[Event], ...]:
-        """Find the events, and add their capacities to `dims`: 0 for a dimension that nobody defines."""
+        """Return the events, and add their capacities to `dims`: 0 for a dimension without a definition."""
         found: dict[str, type[Event]] = {}
         for event in self.components:
             if not issubclass(event, Event):
@@ -302,7 +302,7 @@ class MemoryLayout:
             if isinstance(capacity, type):
                 capacity = len(self.rows(capacity))
             unknown = isinstance(capacity, str) and capacity not in self.dims and not self._makers(capacity)
-            if unknown and (hint := did_you_mean(capacity, self.dims)):  # names unlike these may be there with others
+            if unknown and (hint := did_you_mean(capacity, self.dims)):  # other names may come with other mechanics
                 raise DeclarationError(
                     f"{event.__name__} has the capacity '{capacity}', a dimension that no mechanic defines; {hint}"
                 )
@@ -326,7 +326,7 @@ class MemoryLayout:
         }
 
     def _check_counts(self) -> None:
-        """Raise DeclarationError if an archetype is only extended, or counted by no number and has a count of 0."""
+        """Raise DeclarationError if an archetype is only extended, or has a fixed count of 0."""
         for name, archetype in self.archetypes.items():
             if archetype.count == 0 and not any(name in kinds for d in self.declared for kinds in d.kinds.values()):
                 kinds = self.modules[0].providing(
@@ -357,7 +357,7 @@ class MemoryLayout:
                         )
 
     def _makers(self, dim: str) -> str:
-        """Return the imported modules that define a dimension, in words; "" for none."""
+        """Return the names of the imported modules that define a dimension, in words; "" for none."""
         return str(self.modules[0].providers(lambda module: dim in module.dims()))
 
     @functools.cached_property

@@ -1,13 +1,13 @@
-"""Numbers that are not the same everywhere: which ones there are, where they lie in memory, and which ones can differ.
+"""Numbers that are not the same everywhere: their places in memory, and checks that they can differ.
 
-A number of a mechanic is a value, or a distribution from which each world draws when an episode begins, or it has a
+A number of a mechanic has a value, or a distribution from which each world draws when an episode begins, or a
 value or a distribution for each role of agents. Its value in an episode is, by rising precedence: the default, the
-scenario's, the one drawn at the reset, the role's, the one that a level or a curriculum gives.
+scenario's, the one drawn at the reset, the role's, that of a level or a curriculum.
 
 A number that differs has four-byte words in the state of its world, the bits of a float32 or an int32: for worlds one
-(several for a tuple), for agents one for every row, of which those of other entities hold the scenario's value. Systems
-get the number from there instead of from their argument blocks; without such numbers they compile to the same code as
-ever. Prefab values that name the number by `ref` are written into the state at each reset.
+(several for a tuple), for agents one for every row, where rows of other entities hold the scenario's value. Systems
+get the number from there instead of from their argument blocks; without such numbers their code is
+unchanged. Prefab values that name the number by `ref` are written into the state at each reset.
 """
 
 import dataclasses
@@ -36,47 +36,47 @@ from ..declarations.roles import Roles, spread
 from ..kernels.errors import NumberError, meant
 from ..kernels.jit import Array
 
-EXACT = 2**24  # float32 has all integers up to this one
+EXACT = 2**24  # float32 holds all integers up to this one
 WORDS, GIVEN_WORDS, ROLES, AGENT_WORDS = "varied words", "given words", "roles", "role words"  # dimensions
-GIVEN = np.uint64(32)  # this bit of a word of Given says that a value is given
-ONCE = np.uint64(33)  # this bit says that it is for one episode only
+GIVEN = np.uint64(32)  # this bit of a word of Given marks a given value
+ONCE = np.uint64(33)  # this bit marks a value for one episode only
 HERE, WORD = np.uint64(1) << GIVEN, np.uint64(0xFFFFFFFF)
 KEY, AWAY = slice(-8, -4), slice(-4, None)  # words at the end of Given, see there
 KEYS = 8  # the number of these words
-NO_LEVELS = "no numbers, walls or roles are drawn here, so seeds decide: reset(seed=[...])"  # see NumbersLayout.keyed
-Patch = tuple[int, int, int]  # a word, and the place in the state and the size in bytes of the prefab value that it is
+NO_LEVELS = "this game does not draw numbers, walls or roles: take seeds, as in reset(seed=[...])"
+Patch = tuple[int, int, int]  # a word, and the place in the state and the size in bytes of its prefab value
 
 
 class Varied(Singleton):
-    """The engine's own component of worlds with varied numbers: their values in this episode."""
+    """A component of the engine, for worlds with varied numbers: their values in this episode."""
 
     words: Array = column("i4", WORDS)  # int32, or the bits of float32
 
 
 class Given(Singleton):
-    """The engine's own component of worlds whose episodes are levels: what users have given, and is not drawn.
+    """A component of the engine, for worlds whose episodes are levels: values given by users, not drawn.
 
-    It outlasts episodes. The words of varied numbers are followed by a key of random numbers for the next episode (1 if
-    there is one, seed, world and episode), and by the world's own key while it plays an episode with a given one.
+    It outlasts episodes. The words of varied numbers are followed by a key of random numbers for the next episode (1
+    for a key, seed, world and episode), and by the world's own key while it plays an episode with a given one.
     """
 
-    words: Array = column("u8", GIVEN_WORDS)  # 0: drawn; else the word, bit 32, and maybe bit 33
+    words: Array = column("u8", GIVEN_WORDS)  # 0: drawn; otherwise the word, bit 32, and maybe bit 33
 
 
 class AgentRoles(Singleton):
-    """The engine's own component in worlds with roles: the role of each agent in this episode."""
+    """A component of the engine, for worlds with roles: the role of each agent in this episode."""
 
     role: Array = column("i4", "agents", below="roles")
 
 
 class AgentNumbers(Singleton):
-    """The engine's own component in worlds with roles that change numbers: their values in this episode."""
+    """A component of the engine, for worlds with roles that change numbers: their values in this episode."""
 
     words: Array = column("i4", AGENT_WORDS)  # int32, or the bits of float32: for each number, one for each row
 
 
 class NumbersView(Observation):
-    """The observation of varied numbers: the same for every agent that exists in the episode, dead or alive."""
+    """The observation of varied numbers: the same for every agent of the episode, dead or alive."""
 
     numbers: Array = column("f4", "agents", "numbers fields")
 
@@ -90,13 +90,13 @@ class Number:
         module: Index of the mechanic among layout.modules.
         field: Its name in the mechanic.
         kind: Its type in Python: int, float, bool, str or tuple.
-        distributions: What it is drawn from: one, or one for each role. A single value is a choice of one.
+        distributions: Its distributions: one, or one for each role. A single value is a choice of one.
         by_role: Whether it differs from agent to agent.
         start: The first of its words; if it differs by role, that of row 0.
-        width: How many words a value has.
+        width: Number of words of a value.
         kinds: For a count, the kinds of entities that it counts. Tables have room for its highest value; in a world
             with fewer of them, the last ones are absent.
-        dims: For a count, the dimensions whose size it is.
+        dims: For a count, the dimensions of that size.
     """
 
     name: str
@@ -112,7 +112,7 @@ class Number:
 
     @property
     def distribution(self) -> Distribution:
-        """Return what worlds draw it from."""
+        """Return the distribution of worlds."""
         return self.distributions[0]
 
     @property
@@ -131,7 +131,7 @@ class Number:
         return slice(self.start, self.start + self.width)
 
     def as_field(self, start: int, module: Module) -> Field:
-        """Return the field that shows it in NumbersView: the index among its choices, for a text.
+        """Return its field in NumbersView; a text is shown as its index among the choices.
 
         start: the field's first column. module: the mechanic.
         """
@@ -173,19 +173,19 @@ def place(modules: list[Module], distributions: Mapping[str, Distribution]) -> d
         The varied numbers by name.
 
     Raises:
-        NumberError: There is no such number, or it cannot have the values.
+        NumberError: The number does not exist, or cannot have the values.
     """
     known, start = owners(modules), 0
     found: dict[str, Number] = {}
     for name in sorted(distributions):
         if name not in known:
-            raise NumberError(f"there is no number '{name}' to vary; {meant(name, known)}")
+            raise NumberError(f"unknown number '{name}'; {meant(name, known)}")
         k, field = known[name]
         kind, distribution = type(getattr(modules[k], field)), distributions[name]
         check_kind(name, kind, distribution, rule_of(modules[k], field).get("free", False))
         widths = {encode(modules[k], field, value).size for value in distribution.values}
         if len(widths) > 1:
-            raise NumberError(f"{name} = {distribution}: tuples of one length are needed, as they size memory")
+            raise NumberError(f"{name} = {distribution}: all tuples must have one length, which sizes memory")
         declared = declare(modules[k])
         counts = declared.kinds.get(field, ()), declared.sizes.get(field, ())
         found[name] = Number(name, k, field, kind, (distribution,), False, start, width := widths.pop(), *counts)
@@ -195,7 +195,7 @@ def place(modules: list[Module], distributions: Mapping[str, Distribution]) -> d
 
 
 def hold(modules: list[Module], numbers: Iterable[Number]) -> None:
-    """Give mechanics the highest value of varied counts, and of varied numbers whose own value no world can have.
+    """Set varied counts of mechanics to their highest value, and other varied numbers if their own is never drawn.
 
     Args:
         modules: The mechanics, in order; they are replaced in this list.
@@ -214,7 +214,7 @@ def place_by_role(modules: Sequence[Module], roles: Roles, rows: int) -> dict[st
     Args:
         modules: The mechanics, in order.
         roles: The roles.
-        rows: How many rows there are.
+        rows: Number of rows.
 
     Raises:
         NumberError: A number is unknown or cannot differ between agents.
@@ -242,7 +242,7 @@ def checked_roles(modules: Sequence[Module], roles: Roles) -> Roles:
         values = dict[str, Any]()
         for name, value in each.numbers:
             if name not in able:
-                what = "is the same for all agents, as its mechanic declares it" if name in known else "does not exist"
+                what = "is the same for all agents, by its declaration" if name in known else "does not exist"
                 others = ", ".join(sorted(able)) or "none"
                 raise NumberError(f"role {each.name}: the number {name} {what}; a role can have: {others}")
             k, field = known[name]
@@ -266,26 +266,24 @@ def encode(module: Module, field: str, value: Any) -> np.ndarray[Any, Any]:
 
 
 def check_kind(name: str, kind: type, distribution: Distribution, free: bool = False) -> None:
-    """Raise NumberError unless a number of this type can have the distribution. free: whether it is declared free."""
+    """Raise NumberError unless a number of this type can have the distribution. free: Whether it is declared free."""
     allowed = {float: (UNIFORM, LOG_UNIFORM, INTEGERS, CHOICE), int: (INTEGERS, CHOICE)}.get(kind, (CHOICE,))
     if distribution.kind == FREE and not free:
-        raise NumberError(
-            f"{name} = {distribution}: its mechanic does not declare that it may have any value, so take choice"
-        )
+        raise NumberError(f"{name} = {distribution}: its mechanic does not declare it as free, so take choice")
     if kind is float and distribution.kind == INTEGERS and max(map(abs, distribution.values)) > EXACT:
-        raise NumberError(f"{name} = {distribution}: it is a float32, which has no integer above {EXACT} exactly")
+        raise NumberError(f"{name} = {distribution}: it is a float32, which cannot hold integers above {EXACT} exactly")
     if distribution.kind not in (*allowed, FREE):
         names = " or ".join(NAMES[k] for k in allowed)
-        raise NumberError(f"{name} = {distribution}: it is of type {kind.__name__}, so take {names}")
+        raise NumberError(f"{name} = {distribution}: it has type {kind.__name__}, so take {names}")
 
 
 def extremes(
     modules: Sequence[Module], varied: Iterable[Number], roles: Roles | None
 ) -> Iterator[tuple[str, list[Module]]]:
-    """Yield the mechanics with extreme values: what holds for all of these is taken to hold between them.
+    """Yield the mechanics with extreme values. Checks of these are taken to hold for values between them.
 
-    All lowest, all highest, each one by itself among the lowest, and among the highest. As the lowest value may stand
-    for none, a value in the middle of each range follows.
+    All lowest, all highest, each one alone among the lowest, and among the highest. Since the lowest value may be
+    special, such as none, a value in the middle of each range follows.
 
     Yields:
         The name of the role whose numbers they are, "" for none, and the mechanics.
@@ -304,7 +302,7 @@ def extremes(
 
 
 def replaced(modules: Sequence[Module], values: Mapping[str, Any]) -> list[Module]:
-    """Return the mechanics with other numbers, by full name. Raises what the mechanics raise for them."""
+    """Return the mechanics with other numbers, by full name. Raises the errors of the mechanics for them."""
     known, found = owners(modules), list(modules)
     own = [(*known[name], value) for name, value in values.items()]
     for k in {k for k, _, _ in own}:

@@ -16,17 +16,17 @@ from .numbers import AgentNumbers, Number, Varied
 
 
 class Tables:
-    """The tables of `count` worlds of one layout, in the state in which an episode begins.
+    """The tables of `count` worlds of one layout, in the initial state of episodes.
 
     tables[C] is the table of component C: columns of shape (count, capacity, ...) or, per world, (count, ...).
 
     Attributes:
         layout: The layout of each world.
-        count: How many worlds.
+        count: Number of worlds.
         block: uint8 (count, bytes), the state of each world.
-        mode: int8 (count,), what the next tick does with each world: SKIP, STEP or RESET.
+        mode: int8 (count,), mode of the next tick for each world: SKIP, STEP or RESET.
         actions: All action columns in one array, (actions, count, ...), in the order of `layout.actions`.
-        event_memory: The events of each world's last tick, as they lie in memory.
+        event_memory: The events of each world's last tick, in their memory format.
     """
 
     def __init__(self, layout: MemoryLayout, count: int) -> None:
@@ -61,7 +61,7 @@ class Tables:
 
     @property
     def changed(self) -> Mapping[str, int | float]:
-        """The numbers that differ from those of the layout, by name, as kernels get them."""
+        """The numbers that differ from those of the layout, by name, in the form for kernels."""
         return {}
 
     def agent_values(self, number: Number) -> np.ndarray[Any, Any]:

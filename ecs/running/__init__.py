@@ -1,1 +1,1 @@
-"""A batch of worlds as it runs: what all batches of a game share, ticks, threads, and the tables that callers see."""
+"""A running batch of worlds: the shared parts of all batches of a game, ticks, threads, and tables for callers."""

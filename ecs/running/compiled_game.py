@@ -1,4 +1,4 @@
-"""Plans: what all batches of worlds of one game share. Nothing in a plan changes, so it is kept and used again."""
+"""Plans: the shared parts of all batches of worlds of one game. Plans do not change, so they are kept and reused."""
 
 import functools
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ from ..kernels.jit import compiled
 from ..memory.can_differ import check_numbers
 from ..memory.layout import MemoryLayout
 
-KEPT = 16  # the most plans that are kept: those that were used last
+KEPT = 16  # maximum number of kept plans: the most recently used
 
 
 @dataclass(frozen=True)
@@ -47,14 +47,14 @@ class CompiledGame:
     layout: MemoryLayout
     schedule: Schedule
     segments: Sequence[Segment]  # of the tick
-    units: CompiledUnits  # with the functions and parts that a step needs
+    units: CompiledUnits  # including the functions and parts for steps
 
 
 def plan(wanted: Wanted) -> CompiledGame:
-    """Return the plan for what is wanted, maybe one that was made before. For what it raises, see Worlds.
+    """Return the plan for `wanted`, perhaps an earlier one. For errors, see Worlds.
 
-    Games with a user's mechanics get a new plan each time, as these may refer to something that has changed since.
-    Outlast's own code is taken not to change while a process runs.
+    Games with a user's mechanics get a new plan each time, since their references may have changed. The code of
+    outlast itself is assumed not to change while a process runs.
     """
     systems = tuple(system for module in wanted.modules for system in module.systems())
     if any(is_outside(type(module)) for module in wanted.modules):
@@ -70,7 +70,7 @@ def plan(wanted: Wanted) -> CompiledGame:
 def _kept(wanted: Wanted, text: str, systems: tuple[System, ...], as_machine_code: bool) -> CompiledGame:
     """Return the plan.
 
-    text: tells apart games whose numbers are equal and yet differ, as 1 and 1.0, or 0.0 and -0.0, do.
+    text: distinguishes games whose numbers are equal but not the same, such as 1 and 1.0, or 0.0 and -0.0.
     """
     return _made(wanted)
 
@@ -84,7 +84,7 @@ def _made(wanted: Wanted) -> CompiledGame:
     known = [system.label for system in schedule.systems]
     for label in (each for each in wanted.interpret if each not in known):
         hint = did_you_mean(label, known, after=" ")
-        raise ScheduleError(f"interpret: there is no system '{label}' here; {hint}known: {', '.join(known)}")
+        raise ScheduleError(f"interpret: unknown system '{label}'; {hint}known: {', '.join(known)}")
     if any(system.outside for system in schedule.systems):
         outside = [code_digest(module) for module in layout.modules if is_outside(type(module))]
         options = wanted.varied, wanted.roles, wanted.without, wanted.ordered
@@ -94,7 +94,7 @@ def _made(wanted: Wanted) -> CompiledGame:
         interpreted = system.label in wanted.interpret
         if interpreted and (why := python_refusal(system)):
             raise DeclarationError(f"{system.label} cannot run as Python: {why}")
-        if system.outside and (interpreted or not system.compiled):  # a user's runs on stand-ins
+        if system.outside and (interpreted or not system.compiled):  # users' systems run on stand-ins
             system = replace(system, kernel=Traced(system, layout, PYTHON_ONLY if system.compiled else None))
         run.append(system)
     tick = segments(layout, run, wanted.interpret, wanted.specialize)
@@ -104,6 +104,6 @@ def _made(wanted: Wanted) -> CompiledGame:
 
 
 def _applies(system: System, layout: MemoryLayout) -> bool:
-    """Return whether a system is scheduled: components that it needs are there, and no list of its rows is empty."""
+    """Return whether a system is scheduled: its components exist, and none of its lists of rows is empty."""
     rows = (layout.rows(*p.components) for p in system.parameters if p.kind in SELECTIONS.values())
     return {*system.needs} <= {*layout.components} and all(map(len, rows))

@@ -1,4 +1,4 @@
-"""Execution: the tick of a batch of worlds, segment after segment, on their memory and the threads that share it."""
+"""Execution: the tick of a batch of worlds, segment after segment, on their memory and by several threads."""
 
 import functools
 import os
@@ -32,17 +32,17 @@ from ..kernels.machine_code import exception_at
 from ..memory.tables import Tables, aligned
 from .team import SPREAD, TEAM, Team
 
-# How many worlds go through all units together: at least TOGETHER; more if their memory takes at most TOGETHER_BYTES,
-# which fit into a second-level cache of 0.5 MB.
+# Number of worlds that go through all units together: at least TOGETHER; more if their memory takes at most
+# TOGETHER_BYTES, which fit into a second-level cache of 0.5 MB.
 TOGETHER, TOGETHER_BYTES = 32, 7 << 16
-CACHED = 1 << 23  # bytes of state that stay in the third-level cache from step to step: prefetching them gains nothing
+CACHED = 1 << 23  # bytes of state that stay in the third-level cache from step to step: prefetching them has no benefit
 
 
 class CompiledExecution:
     """Execution of the units of a segment as machine code, on the tables of worlds.
 
-    team: the threads that share the worlds; None for the caller's thread alone. touched: see Schedule.touched. `step`
-    does parts of a step, given the address of its block, as compilation.compiled_step.step does.
+    team: the threads that share the worlds; None: only the caller's thread. touched: see Schedule.touched. `step` runs
+    parts of a step, given the address of its block, as compilation.compiled_step.step does.
     """
 
     def __init__(
@@ -77,7 +77,7 @@ class CompiledExecution:
         ]
         frame[TABLE:] = np.array(entries, np.int64).ravel()
         self.blocks += blocks
-        # The units that run in every tick prefetch the worlds of the next chunk, in equal parts, if that pays
+        # The units that run in every tick prefetch the worlds of the next chunk, in equal parts, if that is worthwhile
         fetching = [block for unit, block in zip(self._units, blocks, strict=True) if not unit.only_at_reset]
         if worlds.block.nbytes > CACHED and fetching:
             ahead = worlds.block.ctypes.data + int(frame[CHUNK]) * worlds.layout.world_bytes
@@ -87,12 +87,12 @@ class CompiledExecution:
         return frame
 
     def __call__(self) -> None:
-        """Take all worlds through the units. Raises what a kernel raises."""
+        """Run the units on all worlds. Raises exceptions of kernels."""
         if self.step(0, TICK) < 0:
             raise self.error()
 
     def error(self) -> BaseException:
-        """Return the exception that a kernel has raised, after which `step` has returned -1, and be ready again."""
+        """Return the exception of a kernel, after `step` has returned -1, and reset the failure."""
         for memory in self._memories:
             memory.restore()
         frame = self._frames[0]
@@ -102,7 +102,7 @@ class CompiledExecution:
 
 
 def _together_with(team: Team, step: Any, plan: Any, frame: int, count: int) -> Callable[[int, int], int]:
-    """Return a function that does parts of a step, with a tick that the team shares by this plan."""
+    """Return a function for parts of a step, with a tick that the team shares by this plan."""
 
     def call(block: int, parts: int) -> int:
         plan[TEAM] = team.ready()
@@ -120,7 +120,7 @@ class PythonExecution:
         self.blocks = [block for _, block, _ in self._calls]
 
     def __call__(self) -> None:
-        """Take all worlds through the units, one after the other."""
+        """Run the units on all worlds, one after the other."""
         with interpreted():
             for unit, _, call in self._calls:
                 try:
@@ -133,17 +133,17 @@ class PythonExecution:
 
 
 def _together(worlds: Tables) -> int:
-    """Return how many worlds go through all units together. More need fewer calls, but must stay in the cache."""
+    """Return the number of worlds that go through all units together: more need fewer calls, but leave the cache."""
     buffers = (column for c in worlds.components if not c.packed for column in worlds[c])
     used = int(worlds.layout.world_bytes + sum(column.nbytes for column in buffers) // worlds.count)
     return max(TOGETHER, TOGETHER_BYTES // used)
 
 
 def _exception(unit: Unit, first_world: int, last: int, address: int) -> BaseException:
-    """Return the exception at an address, with its unit and line, or how to find it, and a note on the worlds."""
+    """Return the exception at an address, with its unit and line (or the way to find it), and a note on the worlds."""
     kind, arguments, place = exception_at(address)
     file, _, line = place.rpartition(", ")
-    shown = place and unit.system and not of_numba(file)  # a line of numba's own says nothing
+    shown = place and unit.system and not of_numba(file)  # a line inside numba does not help
     place = f" ({os.path.basename(file)}, {line})" if shown else ""
     text = " ".join(map(str, arguments)).partition('\nFile "')[0] if arguments else kind.__name__  # of numba
     if unit.system and not shown:
@@ -151,7 +151,7 @@ def _exception(unit: Unit, first_world: int, last: int, address: int) -> BaseExc
         text += f'; interpret=("{unit.label}",) runs this system as Python and shows the line{what}'
     try:
         error = kind(f"{unit.label}{place}: {text}{unit.needed}")
-    except Exception:  # a class that cannot be made from one text
+    except Exception:  # a class that cannot be created from one text
         error = RuntimeError(f"{unit.label}{place}: {kind.__name__}: {text}")
     worlds = f"one of the worlds {first_world} to {last}" if last > first_world else f"world {last}"
     error.add_note(f"Raised in {worlds} of the batch, counted from 0.")

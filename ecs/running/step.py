@@ -29,43 +29,43 @@ Array = np.ndarray[Any, Any]
 
 
 class Observer(Protocol):
-    """An observer of each tick of a Stepper, such as a recorder. `mode` is that of each world, int8."""
+    """An observer of each tick of a Stepper, such as a recorder. `mode`: the mode of each world, int8."""
 
     @property
     def recording(self) -> bool:
-        """Return whether it goes on looking on."""
+        """Return whether it continues to observe."""
 
     def check(self, mode: Array) -> None:
-        """Refuse the tick by an exception, before anything has changed."""
+        """Raise an exception to refuse the tick, before anything has changed."""
 
     def before(self, mode: Array) -> None:
-        """Look at what the tick begins with."""
+        """Observe the state before the tick."""
 
     def after(self, mode: Array) -> None:
-        """Look at what the tick has done. An exception does not undo it."""
+        """Observe the state after the tick. An exception does not undo the tick."""
 
     def close(self) -> None:
-        """End it."""
+        """End the observation."""
 
 
 class Stepper:
     """The steps and resets of a batch of worlds.
 
-    A step has three parts: the first checks it, and takes the actions into the tables; the tick; and the last finds out
-    which episodes are over. Where machine code does all three and nobody looks on, they are one call; otherwise
-    systems in Python, and observers, come in between.
+    A step has three parts: the first checks it, and takes the actions into the tables; the tick; and the last
+    determines which episodes are over. If machine code does all three and there are no observers, they are one call;
+    otherwise systems in Python, and observers, run in between.
 
     Attributes:
-        actions: What the next step does, int64 (worlds, rows, actions); each from 0 to its size - 1.
+        actions: Actions of the next step, int64 (worlds, rows, actions); each from 0 to its size - 1.
         mode: The mode of each world in the last tick: SKIP, STEP or RESET, int8 (worlds,).
-        running: Which worlds have started and were not interrupted in mid-tick: bool (worlds,).
-        ended: Which have ended by one of the columns `ends`: bool (worlds,).
-        stopped: Which the caller has stopped, and says so here: bool (worlds,). A tick of the world ends that.
-        faulty: Which have a fault by one of the columns `faults`: bool (worlds,).
-        observers: Who looks on.
+        running: Whether a world has started and was not interrupted in mid-tick: bool (worlds,).
+        ended: Whether one of the columns `ends` has ended it: bool (worlds,).
+        stopped: Whether the caller has stopped it; set by the caller: bool (worlds,). A tick of the world resets it.
+        faulty: Whether one of the columns `faults` reports a fault: bool (worlds,).
+        observers: The observers.
     """
 
-    # flags that `step` returns: why a step was refused, or what it has led to
+    # flags that `step` returns: the reason of a refusal, or the result of a step
     NOT_RUNNING, HAS_ENDED, OUT_OF_RANGE, DONE, FAULT = NOT_RUNNING, HAS_ENDED, OUT_OF_RANGE, DONE, FAULT
     REFUSED = NOT_RUNNING | HAS_ENDED | OUT_OF_RANGE
 
@@ -79,27 +79,27 @@ class Stepper:
         resets: bool = True,
         at_once: bool = False,
     ) -> None:
-        """Make it; no world is running yet.
+        """Create it; none of the worlds is running yet.
 
         Args:
             worlds: The worlds.
             actions: Memory for `actions`.
             ends: Columns, (worlds, ...), that end a world's episode if any of their entries is not 0.
-            faults: Columns that report a fault likewise.
-            resets: Whether a step resets worlds that ended in the one before; otherwise it is refused.
+            faults: Columns that report a fault in the same way.
+            resets: Whether a step resets worlds that ended in the previous one; otherwise it is refused.
             at_once: Whether the caller resets them right after that step.
         """
         self.worlds, self.mode, self.actions = worlds, worlds.mode, actions
         self.running, self.ended, self.stopped, self.faulty = (np.zeros(worlds.count, bool) for _ in range(4))
         self.observers = list[Observer]()
-        self._buffers = [  # which systems only write where something changes
+        self._buffers = [  # which systems write only at changes
             column for component in worlds.components if not component.packed for column in worlds[component]
         ]
         self._where, self._all = np.ones(worlds.count, bool), True
         columns = [component.columns[name] for component, name in worlds.layout.actions]
         self._zeros = np.array([-int(column.low) for column in columns], np.int64)
         flags = {"running": self.running, "ended": self.ended, "stopped": self.stopped, "faulty": self.faulty}
-        self._arrays = {  # kept here, as the words below are their addresses
+        self._arrays = {  # kept alive: the words below are their addresses
             "actions": actions,
             "sizes": np.array([int(column.high - column.low) + 1 for column in columns], np.int64),
             "zeros": self._zeros,
@@ -118,7 +118,7 @@ class Stepper:
         self._address, self._ranges = int(self._block.ctypes.data), True
 
     def load(self) -> None:
-        """Load or compile everything that runs in a step."""
+        """Load or compile all code of a step."""
         first, *others = self.worlds.load()
         part = self.worlds.units.function(WHOLE_STEP) if compiled() else step
         self._part = functools.partial(part, 0, 0, 0, self.worlds.count, self._address)
@@ -127,19 +127,19 @@ class Stepper:
 
     @property
     def done(self) -> Array:
-        """Return which episodes are over; a new array."""
+        """Return whether each episode is over; a new array."""
         done: Array = self.ended | self.stopped
         return done
 
     def step(self, ranges: bool = True, where: Array | None = None) -> int:
-        """Take worlds through a tick with `actions`; those that ended before are reset.
+        """Run a tick of the worlds with `actions`; those that ended before are reset.
 
         Args:
-            ranges: Whether to check the ranges of the actions; those of all worlds, whatever `where` is.
-            where: Which worlds, bool (worlds,); None: all. The tables of the others stay as they are.
+            ranges: Whether to check the ranges of the actions, those of all worlds for any `where`.
+            where: The worlds to step, bool (worlds,); None: all. The tables of the others do not change.
 
         Returns:
-            NOT_RUNNING, HAS_ENDED or OUT_OF_RANGE if it is refused, and changes nothing; otherwise FAULT, DONE or both,
+            NOT_RUNNING, HAS_ENDED or OUT_OF_RANGE for a refusal, which changes nothing; otherwise FAULT, DONE or both,
             if some world has a fault or some episode is over.
         """
         if ranges is not self._ranges:
@@ -149,7 +149,7 @@ class Stepper:
             self._all = where is None
             self._where[:] = True if where is None else where
             last = np.moveaxis(self.worlds.actions, 0, -1) + self._zeros
-            self.actions[~self._where] = last[~self._where]  # which their tables have, and keep
+            self.actions[~self._where] = last[~self._where]  # the actions in their tables, which are kept
         if self._whole is None or self.observers:
             return int(self._part(BEGIN)) or self._run()
         flags = self._whole()
@@ -158,9 +158,9 @@ class Stepper:
         return flags
 
     def reset(self, where: Array, keys: tuple[Array, Array, Array] | None = None) -> int:
-        """Begin new episodes in the worlds `where`, bool (worlds,). Returns what `step` does.
+        """Begin new episodes in the worlds `where`, bool (worlds,). Returns the result of `step`.
 
-        keys: seeds and worlds, (worlds,) each, that key random numbers from now on; and the worlds that get them, bool.
+        keys: seeds and worlds, (worlds,) each, that key random numbers from now on; and whether a world gets them.
         """
         self.mode[:] = np.where(where, RESET, SKIP)
         return self._run(keys)
@@ -172,7 +172,7 @@ class Stepper:
             observer.close()
 
     def _run(self, keys: tuple[Array, Array, Array] | None = None) -> int:
-        """Take the worlds through the tick by `mode`. If it is cut short, by Ctrl-C, say, they no longer run."""
+        """Run the tick of the worlds by `mode`. If it is cut short, as by Ctrl-C, they are no longer running."""
         observers = self.observers = [each for each in self.observers if each.recording]
         for observer in observers:
             observer.check(self.mode)
@@ -194,7 +194,7 @@ class Stepper:
         try:
             for observer in observers:
                 observer.after(self.mode)
-        except Exception:  # the tick is complete, and the next step resets what has ended in it
+        except Exception:  # the tick is complete, and the next step resets the worlds that ended in it
             self.running[ran] = True
             raise
         return flags

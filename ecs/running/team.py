@@ -1,8 +1,8 @@
-"""A team of threads that takes worlds through a tick together, without the GIL.
+"""A team of threads that run a tick of worlds together, without the GIL.
 
 Python starts the threads, each by one call of machine code (`serve`) that lasts until the team is dismissed. In a round
 (`spread`), the caller and the threads take ranges of worlds, first from their own shares and then from the others',
-until none is left. The caller does not wait for threads that have not woken up by then: they find the round closed.
+until all are taken. The caller does not wait for threads that have not woken up by then: they find the round closed.
 
 The words of a team are read and written by sequentially consistent atomic operations. These also order all other
 memory: threads see what the caller wrote before it opened the round, and the caller sees what threads wrote before they
@@ -29,11 +29,11 @@ from ..memory.tables import aligned
 LINE = 8  # words of a cache line: different threads write to different lines
 ROUND, OPEN, ACTIVE, ASLEEP, WAITING = range(0, 5 * LINE, LINE)  # words of a team, see `serve` and `spread`
 DISMISSED, HIRED, PLAN = ROUND + 1, ROUND + 2, OPEN + 1
-MUTEX, BEGUN, ENDED = range(5 * LINE, 11 * LINE, 2 * LINE)  # pthreads' objects: they need 64 bytes at most
+MUTEX, BEGUN, ENDED = range(5 * LINE, 11 * LINE, 2 * LINE)  # pthreads' objects: they need at most 64 bytes
 NEXT = 11 * LINE  # from here, a line for each thread, with the next world of its share
 TEAM, FUNCTION, COUNT, SHARE, RANGE, THREADS, FRAMES = range(7)  # words of a plan, see `spread`
-GLANCES = 100  # how often a thread looks for what it waits for before it sleeps: some 50 microseconds
-MIN_RANGE = 16  # the fewest worlds that a thread takes at a time: enough to pay for the call
+GLANCES = 100  # number of checks of a waiting thread before it sleeps: about 50 microseconds
+MIN_RANGE = 16  # minimum worlds that a thread takes at a time: enough to justify the call
 RANGES_PER_THREAD = 8  # enough for all threads to end at about the same time
 
 SPREAD = "spread"  # label
@@ -50,7 +50,7 @@ read_word, write_word = loader("int64"), storer("int64")
 
 @kernel
 def prepare(team: int) -> int:
-    """Make the mutex and the conditions of a team, whose words are 0."""
+    """Initialise the mutex and the conditions of a team, whose words are 0."""
     initialize_mutex(team + 8 * MUTEX, 0)
     initialize_condition(team + 8 * BEGUN, 0)
     initialize_condition(team + 8 * ENDED, 0)
@@ -71,7 +71,7 @@ def serve(team: int, others: int) -> int:
             pause()
         if atomic_load(team + 8 * ROUND) == seen:
             lock(team + 8 * MUTEX)
-            atomic_add(team + 8 * ASLEEP, 1)  # before it looks at ROUND: see `announce`
+            atomic_add(team + 8 * ASLEEP, 1)  # before it reads ROUND: see `announce`
             while atomic_load(team + 8 * ROUND) == seen:
                 wait(team + 8 * BEGUN, team + 8 * MUTEX)
             atomic_add(team + 8 * ASLEEP, -1)
@@ -79,7 +79,7 @@ def serve(team: int, others: int) -> int:
         seen = atomic_load(team + 8 * ROUND)
         if atomic_load(team + 8 * DISMISSED):
             return 0
-        atomic_add(team + 8 * ACTIVE, 1)  # before it looks at OPEN: an open round waits for it
+        atomic_add(team + 8 * ACTIVE, 1)  # before it reads OPEN: an open round waits for it
         if atomic_load(team + 8 * OPEN):
             take_ranges(read_word(team + 8 * PLAN), thread)
         if atomic_add(team + 8 * ACTIVE, -1) == 1 and atomic_load(team + 8 * WAITING):
@@ -90,7 +90,7 @@ def serve(team: int, others: int) -> int:
 
 @kernel
 def announce(team: int) -> int:
-    """Tell the threads of a new round."""
+    """Notify the threads of a new round."""
     atomic_add(team + 8 * ROUND, 1)
     if atomic_load(team + 8 * ASLEEP):
         lock(team + 8 * MUTEX)  # threads that saw the old ROUND are asleep by now
@@ -101,7 +101,7 @@ def announce(team: int) -> int:
 
 @kernel
 def take_ranges(plan: int, thread: int) -> None:
-    """Take ranges of worlds, first of the thread's own share, through the tick until none is left or a unit fails.
+    """Take ranges of worlds, first of the thread's own share, through the tick until all are taken or a unit fails.
 
     The shares are the same in each round, so that a processor finds its worlds in its cache.
     """
@@ -130,11 +130,11 @@ def next_and_stop(plan: int, thread: int) -> tuple[int, int]:
 
 @kernel
 def spread(plan: int, first: int, last: int) -> int:
-    """Run a round: the team takes all worlds, from the `first` to the `last`, through the tick.
+    """Run a round: the team runs the tick of all worlds from `first` to `last`.
 
-    A plan has int64 words, see the names above: the team; the function that takes worlds through the tick, run_units;
-    the number of all worlds, of those in a share and of those in a range; the number of threads, and the frame of each.
-    Afterwards, the caller's frame says which unit failed, if one did in any thread.
+    A plan has int64 words, see the names above: the team; the function of the tick, run_units; the numbers of all
+    worlds, of worlds in a share and of worlds in a range; the number of threads, and the frame of each. Afterwards,
+    the caller's frame has the failed unit, if one failed in any thread.
     """
     team, threads, own = read_word(plan + 8 * TEAM), read_word(plan + 8 * THREADS), read_word(plan + 8 * FRAMES)
     begin = first
@@ -173,7 +173,7 @@ def spread(plan: int, first: int, last: int) -> int:
 
 @kernel
 def dismiss(team: int) -> int:
-    """Let the threads return."""
+    """Make the threads return."""
     atomic_store(team + 8 * DISMISSED, 1)
     announce(team)
     return 0
@@ -181,7 +181,7 @@ def dismiss(team: int) -> int:
 
 @functools.cache
 def code() -> CompiledUnits:
-    """Return the machine code that teams run."""
+    """Return the machine code of teams."""
     return CompiledUnits((), {"prepare": prepare, "serve": serve, "dismiss": dismiss}, {SPREAD: spread})
 
 
@@ -201,14 +201,14 @@ class Team:
         self._owner = 0
 
     def plan(self, function: int, count: int, frames: Sequence[int]) -> Any:
-        """Return the plan that `spread` takes, with 0 in place of the team's address, which `ready` returns."""
+        """Return the plan for `spread`, with 0 instead of the team's address, which `ready` returns."""
         share = max(MIN_RANGE, -(-count // self.size))
         size = max(MIN_RANGE, -(-share // RANGES_PER_THREAD))
         return np.array([0, function, count, share, size, self.size, *frames], np.int64)
 
     def ready(self) -> int:
         """Start the threads that are not running yet, and return the team's address."""
-        if self._owner != os.getpid():  # there are none yet, or this is a fork, which inherits none
+        if self._owner != os.getpid():  # no threads yet, or this is a fork, which inherits none
             self._words = aligned(8 * (NEXT + LINE * self.size)).view(np.int64)
             self._threads = list[tuple[int, threading.Lock]]()
             self._address = int(self._words.ctypes.data)
@@ -239,7 +239,7 @@ def _serve(serve: Any, words: Any, others: int, running: threading.Lock) -> None
 
 
 def _end(dismiss: Any, words: Any, threads: list[tuple[int, threading.Lock]], owner: int) -> None:
-    if owner != os.getpid():  # a fork, which has none of these threads
+    if owner != os.getpid():  # a fork does not have these threads
         return
     dismiss(words.ctypes.data)
     for thread, running in threads:

@@ -31,33 +31,32 @@ class Worlds(Tables):
     """`count` worlds made of `modules`, stored as tables and advanced together.
 
     worlds[C] is the table of component C: columns of shape (count, capacity, ...) or, per world, (count, ...).
-    The arrays are the state itself, and remain the same objects for good.
+    The arrays are the state itself, and always remain the same objects.
 
     Args:
         modules: The mechanics, in any order.
-        count: How many worlds.
-        threads: How many threads `run` uses; the results do not depend on it.
+        count: Number of worlds.
+        threads: Number of threads that `run` uses; results do not depend on it.
         without: Phases to leave out, such as that of observations.
-        ordered: Chains of labels of systems or names of mechanics, each of which runs before the next one of its chain.
-        interpret: Labels of systems to run as Python, for breakpoints, say; the others remain machine code.
-        specialize: Compile the systems for the sizes and rows of these modules alone. This makes the tick faster, but
+        ordered: Chains of labels of systems or names of mechanics, each of which runs before the next one in its chain.
+        interpret: Labels of systems to run as Python, such as for breakpoints; the others remain machine code.
+        specialize: Compile the systems for the sizes and rows of these modules only. This makes the tick faster, but
             other modules or other sizes then need machine code of their own. The results are the same.
         varied: Distributions by name, "module_number": each world draws the number when an episode begins.
         observed: Names of the varied numbers that agents observe.
-        roles: Which agents have numbers of their own.
+        roles: Roles of agents with numbers of their own.
 
     Attributes:
-        modules: The mechanics with their present numbers; layout.modules has the numbers the worlds were made with.
+        modules: The mechanics with their present numbers; layout.modules has the initial ones.
         schedule: The systems, in order.
-        segments: The tick: units, which a thread runs by one call for each segment.
+        segments: The tick: units, run by one call for each segment.
         units: The machine code of these.
         times: The seconds that `run` has spent in each segment, by its first unit.
         threads: As given.
 
     Raises:
-        DeclarationError: A module is impossible, or several modules are impossible together.
-        ScheduleError: The order of the systems is ambiguous or contradictory, or `interpret` names a system that there
-            is not.
+        DeclarationError: A module is invalid, or several modules do not fit each other.
+        ScheduleError: The order of the systems is ambiguous or contradictory, or `interpret` names an unknown system.
     """
 
     def __init__(
@@ -109,11 +108,11 @@ class Worlds(Tables):
         return self.units.missing + (self._team.code.missing if self._team is not None else [])
 
     def events(self) -> dict[str, np.ndarray[Any, Any]]:
-        """Return what happened in the last tick of each world, by name of the event; see `entries`."""
+        """Return the events of the last tick of each world, by name of the event; see `entries`."""
         return {kind.name: self.entries(kind) for kind in self.layout.events}
 
     def entries(self, kind: type[Event]) -> np.ndarray[Any, Any]:
-        """Return a copy of the events of one kind in the last tick of each world; nothing if there is no such event.
+        """Return a copy of the events of one kind in the last tick of each world; empty if the event is missing.
 
         A structured array has a row for each, in order of worlds: `world`, `episode` and `tick`, int64, and the event's
         columns.
@@ -123,14 +122,14 @@ class Worlds(Tables):
         return event.entries(kind, self.layout.events, self.event_memory, times)
 
     def number(self, name: str) -> Any:
-        """Return the value of the number "module_number" in this episode, whether it is set, varies or differs by role.
+        """Return the value of the number "module_number" in this episode, also if it varies or differs by role.
 
         Returns:
             A single value; if worlds differ in it, an array (count,), or (count, length) for a tuple (see `numbers`);
             if agents do, int32 or float32 (count, agents). Arrays are copies.
 
         Raises:
-            NumberError: There is no such number.
+            NumberError: The number does not exist.
         """
         if (agents := self.layout.per_agent.get(name)) is not None:
             return self.agent_values(agents)
@@ -145,7 +144,7 @@ class Worlds(Tables):
     def span(self, archetype: str) -> slice:
         """Return the rows of an archetype, the same in every world; an empty slice if this scenario lacks it.
 
-        DeclarationError if no mechanic that is imported has it.
+        DeclarationError if none of the imported mechanics has it.
         """
         if (rows := self.layout.spans.get(archetype)) is None:
             check_kind(archetype, self.layout.spans)
@@ -153,11 +152,11 @@ class Worlds(Tables):
         return slice(rows.start, rows.stop)
 
     def entity(self, row: int, world: int = 0) -> EntityView:
-        """Return one entity with all its components, to print or inspect. DeclarationError if there is no such row."""
+        """Return one entity with all its components, to print or inspect. DeclarationError if it does not exist."""
         return EntityView(self, row, world)
 
     def seed(self, seeds: Any, worlds: Any, where: Any = slice(None)) -> None:
-        """Set the keys of the worlds `where` to (seeds, worlds), and count their episodes from the start."""
+        """Set the keys of the worlds `where` to (seeds, worlds), and restart the counts of their episodes."""
         clock = self[Clock]
         clock.seed[where] = np.asarray(seeds, np.uint64).reshape(-1, 1)
         clock.world[where] = np.asarray(worlds, np.uint64).reshape(-1, 1)
@@ -169,9 +168,9 @@ class Worlds(Tables):
         """Change numbers of mechanics by name, module_number ("rewards_kill"), from the next tick on, in all worlds.
 
         Raises:
-            NumberError: A number is unknown, a value is not allowed, or the number does more than enter into what
-                kernels compute (it determines sizes of tables, initial values of entities, which systems run, or bounds
-                of observations); nothing is changed.
+            NumberError: A number is unknown, a value is not allowed, or the number affects more than computations of
+                kernels (sizes of tables, initial values of entities, the choice of systems, or bounds of observations);
+                nothing is changed.
         """
         with self._lock:
             self.modules = changed_modules(self.layout, self.schedule.systems, self.modules, numbers)
@@ -193,7 +192,7 @@ class Worlds(Tables):
         return {name: self.agent_values(number) for name, number in self.layout.per_agent.items()}
 
     def give_numbers(self, numbers: Mapping[str, Any], where: Any = slice(None), once: bool = False) -> None:
-        """Set varied numbers from the next reset of each world on, instead of drawing them.
+        """Set varied numbers from the next reset of each world on; they are then not drawn.
 
         Args:
             numbers: By name, one value, or one for each of the worlds `where`; None: draw it again.
@@ -209,7 +208,7 @@ class Worlds(Tables):
         for name, values in numbers.items():
             if name not in self.layout.varied:
                 known = ", ".join(self.layout.varied) or "none"
-                raise NumberError(f"{name} does not vary from world to world here; these do: {known}")
+                raise NumberError(f"{name} does not vary between worlds here; these do: {known}")
             number = self.layout.varied[name]
             words[name] = np.uint64(0) if values is None else given_words(number, self.layout, values, len(rows))
             if once and values is not None:
@@ -218,7 +217,7 @@ class Worlds(Tables):
             self[Given].words[rows, self.layout.varied[name].words] = given
 
     def give_keys(self, keys: Any, where: Any = slice(None)) -> None:
-        """Make the next episode one of another key; those that follow have the worlds' own keys again.
+        """Set the key of the next episode; later episodes have the worlds' own keys again.
 
         keys: (seed, world, episode) for each of the worlds `where` (mask, indices or slice), uint64 (n, 3). NumberError
         unless layout.keyed.
@@ -230,13 +229,13 @@ class Worlds(Tables):
 
     @property
     def changed(self) -> dict[str, int | float]:
-        """The numbers that have changed since the worlds were made, by name, as kernels get them."""
+        """The numbers that have changed since the worlds were made, by name, in the form for kernels."""
         return differing(self.layout.modules, self.modules)
 
     def run(self, mode: np.ndarray[Any, Any]) -> None:
-        """Take every world through the tick. mode: int8 (count,), SKIP, STEP or RESET for each world.
+        """Run the tick of every world. mode: int8 (count,), SKIP, STEP or RESET for each world.
 
-        Raises CapacityError if there are more events of a kind than its list has room for; the tick is then cut short.
+        Raises CapacityError if a tick has more events of a kind than its capacity; the tick is then cut short.
         """
         self.mode[:] = mode
         try:
@@ -248,7 +247,7 @@ class Worlds(Tables):
             raise self.overflow(error) from None
 
     def load(self) -> list[CompiledExecution | PythonExecution]:
-        """Load or compile the machine code of the tick; return what runs its segments on these worlds."""
+        """Load or compile the machine code of the tick; return the executions of its segments on these worlds."""
         if not self._executions:
             self.units.load()
             if self._team is not None:
@@ -274,12 +273,12 @@ class Worlds(Tables):
         return "\n\n".join(lines)
 
     def close(self) -> None:
-        """End the threads. The tables stay readable."""
+        """End the threads. The tables remain readable."""
         if self._team is not None:
             self._team.close()
 
     def overflow(self, error: BaseException) -> BaseException:
-        """Return the error that names the list of events that is full, if `error` is of such a list; else `error`."""
+        """Return the error that names the full list of events, if `error` is about one; otherwise `error`."""
         if not isinstance(error, CapacityError):
             return error
         ticks = self[Clock].tick[:, 0]
@@ -288,7 +287,7 @@ class Worlds(Tables):
 
 
 def checked_worlds(given: Any) -> Worlds:
-    """Return what was given, if it is worlds. Raises TypeError."""
+    """Return the argument, which must be Worlds. Raises TypeError."""
     if not isinstance(given, Worlds):
         raise TypeError(f"{type(given).__name__} is given for worlds: those of an environment are env.worlds")
     return given

@@ -66,7 +66,7 @@ REFUSED = {
     "room_height": f"{KINDS}|{BESIDE}", "preparation_frozen": RUNS.format("Preparation"),
     "preparation_blind": RUNS.format("Preparation"), "physics_backend": RUNS.format("Physics"),
     "teams_count": f"{READ.format('dims')}|are 2 teams, but teams.count is 1",
-    "ending_rule": "agents come back, so an episode", "teams_sizes": "tuples of one length are needed",
+    "ending_rule": "agents come back, so an episode", "teams_sizes": "all tuples must have one length",
 }  # fmt: skip
 
 

@@ -198,7 +198,7 @@ def test_fields_that_cannot_be_are_refused(case: str) -> None:
 
 def test_columns_of_an_unknown_field_are_refused() -> None:
     fields = MemoryLayout(DUEL.modules).fields["own"]
-    with pytest.raises(KeyError, match="there is no field 'team' here; there are: id, health, x, y, angle"):
+    with pytest.raises(KeyError, match="unknown field 'team'; known: id, health, x, y, angle"):
         columns_of(fields, "id", "team")
 
 
@@ -217,9 +217,9 @@ def asking(**hints: Any) -> Scenario:
 
 
 def test_an_offset_of_no_field_is_refused() -> None:
-    with pytest.raises(DeclarationError, match=r"asking.look: .* no field for the Offset 'own_heath' .*own_health"):
+    with pytest.raises(DeclarationError, match=r"look: the Offset 'own_heath' does not name a field .*own_health"):
         Worlds(asking(own_heath=Offset).modules, 1)
-    with pytest.raises(DeclarationError, match=r"There are: .*zone_x"):
+    with pytest.raises(DeclarationError, match=r"Known: .*zone_x"):
         Worlds(asking(nothing=Offset).modules, 1)
 
 

@@ -467,7 +467,7 @@ def test_numbers_of_no_episode_are_an_error() -> None:
         outlast.make_vec(GAME, 2).numbers()
     with pytest.raises(NotResetError, match=r"levels\(\) before reset"):
         outlast.make_vec(GAME, 2).levels()
-    with pytest.raises(NumberError, match="seeds decide"):
+    with pytest.raises(NumberError, match="take seeds"):
         env.set_levels([Level()])
 
 
@@ -506,7 +506,7 @@ MADE: list[tuple[Callable[[], Any], str]] = [
     ),
     (
         lambda: GAME.vary(rewards_kill=integers(2**24 - 1, 2**24 + 1)),
-        "float32, which has no integer above 16777216 exact",
+        "float32, which cannot hold integers above 16777216 exact",
     ),
     (
         lambda: GAME.replace(melee_damage=integers(1, 5)),

@@ -290,13 +290,13 @@ def test_states_that_no_draw_leads_to_are_refused() -> None:
 @pytest.mark.parametrize(
     ("numbers", "reason"),
     [
-        ({"melee_damage": uniform(1, 2)}, "it is of type int, so take integers or choice"),
+        ({"melee_damage": uniform(1, 2)}, "it has type int, so take integers or choice"),
         ({"melee_damage": integers(-5, 2)}, "melee.damage = -5: must be >= 0"),
         ({"melee_damage": 7}, "a distribution is needed, as in outlast.distributions.uniform(1, 2)"),
         ({"melee_damige": integers(1, 2)}, "did you mean melee_damage"),
         ({"n_agents": integers(0, 3)}, "agents.count = 0: must be >= 1"),
         ({"cameras_cone": choice("kite", "round")}, "allowed are 'sector', 'kite'"),
-        ({"safe_zone_radii": choice((5, 2), (5,))}, "tuples of one length are needed"),
+        ({"safe_zone_radii": choice((5, 2), (5,))}, "all tuples must have one length"),
         ({"n_agents": integers(1, 4)}, "2 teams, but there are only 1 agents"),
         ({"n_heals": integers(1, 80)}, "do not fit into spawn_grid.cells"),
         ({"inventory_slots": integers(1, 4)}, "cannot vary: Inventory.dims() reads it when worlds are made"),

@@ -122,7 +122,7 @@ def test_teams_have_their_sizes() -> None:
         ({"teams_sizes": (1, 1, 2)}, r"\(1, 1, 2\) are 3 teams, but teams.count is 2: set both, as in replace"),
         ({"teams_sizes": (1.5, 2.5)}, "1.5 is no number of agents; take whole numbers"),
         ({"teams_sizes": (0, 4)}, "must be >= 1"),
-        ({"teams_sizes": (1, 4)}, r"\(1, 4\) are 5 agents, but n_agents is 4: say replace\(n_agents=5\)"),
+        ({"teams_sizes": (1, 4)}, r"\(1, 4\) are 5 agents, but n_agents is 4: take replace\(n_agents=5\)"),
     ],
 )
 def test_impossible_sizes_are_refused(numbers: dict[str, Any], message: str) -> None:
@@ -251,7 +251,7 @@ def test_unknown_numbers_get_a_hint() -> None:
     with pytest.raises(NumberError, match=r"a = 3: a role is needed, as in a=outlast\.role\(1\)"):
         variant("ffa_1").roles(a=3)
     for option in ("observed", "drawn"):
-        with pytest.raises(NumberError, match=f"a role cannot be called '{option}', which is an option"):
+        with pytest.raises(NumberError, match=f"'{option}' is not a name of a role, but an option"):
             variant("ffa_1").roles(**{"a": outlast.role(1), option: outlast.role()})
     roles = {"a": outlast.role(1), "b": outlast.role(agents_health=80)}
     with pytest.raises(NumberError, match=r"role b: mortality\.limit = 50: agents begin with 80"):
@@ -325,7 +325,7 @@ def test_commands_take_roles_from_a_file(tmp_path: Path, capsys: Any) -> None:
         ([{"name": "a"}], "only one role can leave out who has it"),
         ([{"name": "a", "count": 1, "agents": [0], "numbers": {}}], "is not {"),
         ([{"name": "a", "count": 4, "numbers": {"melee_damage": -1}}], "role a: melee.dam"),
-        ([{"name": "drawn", "count": 4, "numbers": {}}], "cannot be called 'drawn'"),
+        ([{"name": "drawn", "count": 4, "numbers": {}}], "'drawn' is not a name of a role"),
         ([{"name": "a", "count": 9, "numbers": {}}], "9 a are 9 agents, but n_agents is 4"),
         ("[]", "does not say roles: roles: [] is not"),
         ("{", "does not say roles: Expecting property"),

@@ -169,7 +169,7 @@ def test_commands_import_what_json_needs_if_they_are_told_to(tag: Scenario, tmp_
         (lambda form: form | {"modules": 3}, "does not hold a scenario"),
         (lambda form: form | {"modules": form["modules"] * 2}, "exclude each other|missing"),
         (lambda form: form | {"order": [["melee"]]}, "is no order"),
-        (lambda form: form | {"varied": {"x_y": ["uniform", 1, 2]}}, "there is no number 'x_y' to vary"),
+        (lambda form: form | {"varied": {"x_y": ["uniform", 1, 2]}}, "unknown number 'x_y'"),
         (lambda form: form | {"varied": {"melee_damage": ["uniform", 1, 2]}}, "melee_damage"),
         (lambda form: form | {"varied": {"melee_damage": ["normal", 1, 2]}}, "is no distribution"),
         (lambda form: form | {"observed": ["melee_damage"]}, "melee_damage is observed there, and does not vary"),

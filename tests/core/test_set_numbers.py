@@ -76,8 +76,8 @@ def test_a_system_that_runs_as_python_gets_them_too() -> None:
     [
         ({"rewards_kil": 1}, "no number 'rewards_kil'; did you mean rewards_kill"),
         ({"inventory_slots": 5}, r"inventory_slots cannot change .*Inventory.dims\(\) reads it.* make new worlds"),
-        ({"n_agents": 3}, "agents_count cannot change while worlds run: it is part of what an episode begins with"),
-        ({"agents_health": 50}, "agents_health cannot change .* part of what an episode begins with"),
+        ({"n_agents": 3}, "agents_count cannot change while worlds run: it is part of the initial state of episodes"),
+        ({"agents_health": 50}, "agents_health cannot change .* part of the initial state of episodes"),
         ({"room_size": 30.0}, "room_size cannot change while worlds run"),
         ({"death_drop_radius": 3.0}, "death_drop_radius cannot change while worlds run: .* bounds of observations"),
         ({"safe_zone_radii": (9.0,) * 7}, "safe_zone_radii cannot change .* single number|bounds of observations"),

@@ -97,7 +97,7 @@ def test_a_body_faces_its_angle(phase: Any) -> None:
 def test_declarations_that_mean_nothing() -> None:
     with pytest.raises(DeclarationError, match=r"^Body\(sine=...\): it follows from the angle; give that"):
         Body(sine=1)
-    with pytest.raises(DeclarationError, match=r"^Lamp.coupled: there is no column 'bright'; known: light"):
+    with pytest.raises(DeclarationError, match=r"^Lamp.coupled: unknown column 'bright'; known: light"):
 
         class Lamp(Component):
             coupled = (Coupled(("light",), ("bright",), "write both"),)

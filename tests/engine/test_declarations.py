@@ -254,7 +254,7 @@ def test_what_has_health_can_be_hurt() -> None:
         (lambda: Weather(wild=1), "weather.wild = 1: True or False"),
         (lambda: Weather(sky="green"), "weather.sky = 'green': allowed are 'blue', 'grey', 'black'"),
         (lambda: Walkers().replace(pace=3), "walkers has no number 'pace'; it has: count, stride"),
-        (lambda: Archetype("stone", (Mark(),), -2), "a whole number, 0 or more, is needed"),
+        (lambda: Archetype("stone", (Mark(),), -2), "an integer >= 0 is needed"),
         (lambda: Worlds([Walkers()], 0), "at least 1 is needed"),
         (lambda: Worlds([Walkers()], 1, threads=0), "at least 1 is needed"),
         (lambda: worlds(Walkers()).number("walkers_fields"), "no number 'walkers_fields'"),
@@ -280,7 +280,7 @@ def test_another_default_of_an_unknown_number_is_refused() -> None:
     class Base(Toy):
         speed: float = number(1.0)
 
-    with pytest.raises(DeclarationError, match=r"Fast\.sped = 3\.0 is no other default .*; did you mean speed\? A new"):
+    with pytest.raises(DeclarationError, match=r"sped = 3\.0 is not a new default .*; did you mean speed\? A new"):
 
         class Fast(Base):
             sped = 3.0
@@ -352,16 +352,16 @@ def annotated(base: type, hint: Any) -> Any:
         (lambda: component(Action, go=column("i1", "walkers")), "finite low below a finite high"),
         (lambda: component(Action, go=column("i1", "walkers", low=0, high=300)), "0 to 300, and int8 from -128 to 127"),
         (lambda: component(Action, go=column("i1", "walkers", low=1, high=3)), "0 must be in it, which does nothing"),
-        (lambda: annotated(Component, np.ndarray), "Odd.amount is no column"),
-        (lambda: annotated(Component, Array), "Odd.amount is no column: declare it as in amount: Array = column"),
+        (lambda: annotated(Component, np.ndarray), "Odd.amount is not a column"),
+        (lambda: annotated(Component, Array), "Odd.amount is not a column: declare it as in amount: Array = column"),
         (lambda: type("Odd", (Component,), {}, packed=False), "Odd: packed is for outlast's own components"),
         (lambda: type("Odd", (Component,), {"requires": Energy}), r"Odd.requires = .*: a tuple .* as in \(Health,\)"),
         (extended, "Derived extends Mark, which has columns"),
         (lambda: component(Singleton)(), "Odd has no columns: declare one"),
         (lambda: Energy(letf=3), "Energy has no column 'letf'; it has: left"),
         (lambda: toy_game.Line(line=1), r"Line\(line=\.\.\.\): it has buffers of its own, which begin as 0"),
-        (lambda: event(agent=column("i4"), capacity=0), r"\(Event\) with the capacity 0: a whole number"),
-        (lambda: event(agent=column("i4"), capacity=1.5), r"\(Event\) with the capacity 1.5: a whole number"),
+        (lambda: event(agent=column("i4"), capacity=0), r"\(Event\) with the capacity 0: an integer"),
+        (lambda: event(agent=column("i4"), capacity=1.5), r"\(Event\) with the capacity 1.5: an integer"),
         (lambda: Field("gold", size=2.0), "'gold' has size 2.0 and order 0: integers are needed, or as the size the"),
         (lambda: Field(5), "a field is called 5: lower-case letters"),
         # archetypes
@@ -383,7 +383,7 @@ def annotated(base: type, hint: Any) -> Any:
         (lambda: numbered(int, field(default_factory=int)), "odd.speed needs a default"),
         (lambda: type("Odd", (Toy,), {"__annotations__": {"n": float}, "n": 1.0})(), r"declares numbers \(n\).*@datac"),
         # methods and systems
-        (lambda: mechanic("Odd", archetype=[]), r"Odd.archetype\(\) is called by nothing; did you mean archetypes\?"),
+        (lambda: mechanic("Odd", archetype=[]), r"Odd.archetype\(\) is never called; did you mean archetypes\?"),
         (lambda: Toy.system(len), r"a phase comes first, as in @Toy\.system\("),
         (lambda: Toy.system("move"), "a phase comes first"),
         (lambda: system(place=None), r"parameter 'place' .*None.*allowed are Read\[C\]"),
@@ -443,25 +443,25 @@ def remembering(memory: Any) -> Module:
         (lambda: worlds(parts("ghost", Place(), count=1)), "no module defines the dimension 'memory'; known: blo"),
         (lambda: layout(agent(Mark(mark=7.5))), "agent: Mark.mark is uint8, which cannot hold 7.5"),
         (lambda: layout(agent(Mark(mark=np.nan))), "cannot hold nan"),
-        (lambda: layout(agent(Mark(mark=(1, 2, 3)))), r"Mark.mark: a value of the shape \(3,\) is no prefab of \(2,\)"),
+        (lambda: layout(agent(Mark(mark=(1, 2, 3)))), r"Mark.mark: the value has shape \(3,\), but shape \(2,\) is"),
         (lambda: layout(agent(Mark(mark=1), Mark(mark=2))), r"Archetype\('agent', ...\) has Mark twice"),
-        (lambda: layout(agent(Mark(), alive=False)), "one module has 'agent' in the world right after reset, and a"),
+        (lambda: layout(agent(Mark(), alive=False)), "one module has 'agent' in the world right after reset, but a"),
         (lambda: layout(mechanic("Others", archetypes=[Archetype("rival", (Mark(),), 1, roles=True)])),
-         "agent and rival are both the agents that can have roles: let one kind say so"),
+         "agent and rival both set roles: only one kind can be the agents with roles"),
         (lambda: index_unit("side", "teams"), "of unit 'side' are indices of 'sides', not of 'teams': rename one"),
         (lambda: layout(Landing(count=0)), "landing declares 0 of the kind 'place': leave landing out, or"),
         (lambda: layout(agent(component(Component, door=column("i4", below="heals"))(door=99))),
-         r"agent: Odd.door begins as 99: 0 to \d+ is its range"),
+         r"agent: Odd.door begins as 99: must be from 0 to \d+"),
         (lambda: layout(agent(component(Component, door=column("i4", below="heals + healz"))())),
-         r"Odd.door is below 'heals \+ healz': no dimension is called 'healz'; did you mean heals"),
-        (lambda: DUEL.worlds(1).span("agents"), r"no entities of the kind 'agents'; did you mean agent\? known"),
+         r"Odd.door is below 'heals \+ healz': unknown dimension 'healz'; did you mean heals"),
+        (lambda: DUEL.worlds(1).span("agents"), r"unknown kind of entities 'agents'; did you mean agent\? known"),
         (lambda: worlds(Walkers(), deep()), "Odd.v has 5 axes in a world: at most 4 are possible"),
         # dimensions and singletons
-        (lambda: layout(sized("agnets")), "'wide' is to be of the size of 'agnets', which no module has; did you mean"),
-        (lambda: layout(sized("2*agents")), r"of the size of '2\*agents'"),
+        (lambda: layout(sized("agnets")), "'wide' has the size of 'agnets', which no module has; did you mean"),
+        (lambda: layout(sized("2*agents")), r"has the size of '2\*agents'"),
         (lambda: layout(sized("wide")), "in a circle: wide -> wide"),
-        (lambda: layout(sized(-1)), "'wide': -1}: a whole number, 0 or more, or names of dimensions"),
-        (lambda: layout(sized(2.0)), "'wide': 2.0}: a whole number"),
+        (lambda: layout(sized(-1)), "'wide': -1}: an integer >= 0, or names of dimensions"),
+        (lambda: layout(sized(2.0)), "'wide': 2.0}: an integer"),
         (lambda: layout(singletons(component(Singleton, n=column("i4", "planets"))())), "the dimension 'planets'"),
         (lambda: layout(mechanic("One", singletons=[Total(value=1)]), mechanic("Other", singletons=[Total(value=2)])),
          "one gives Total.value the value 1, other 2: let one of them bring it"),
@@ -555,7 +555,7 @@ def test_functions_that_a_call_does_not_run_are_refused() -> None:
 
 def test_a_system_is_of_one_phase_and_of_a_mechanic_of_its_author() -> None:
     """On one of outlast's, it would be part of every game of the process, by the same name."""
-    with pytest.raises(DeclarationError, match=r"motors.hurry: Motors is outlast's own, .* class MyMotors\(Motors\)"):
+    with pytest.raises(DeclarationError, match=r"motors.hurry: Motors belongs to outlast, .* class MyMotors\(Motors\)"):
         Motors.system(DuelPhase.DRIVE)(taking("hurry", agents=Rows[Side]))
     hurried, slow = kind("Hurried", Motors), taking("slow", agents=Rows[Side])
     hurried.system(DuelPhase.DRIVE, compiled=False)(slow)
@@ -574,7 +574,7 @@ def test_two_systems_of_one_name_in_a_file() -> None:
     again(text)
     again(text)
     assert [system.label for system in twice.registered] == ["twice.rule"]
-    with pytest.raises(DeclarationError, match=r"twice.rule is there twice, in lines 1 and 4 of twice.py"):
+    with pytest.raises(DeclarationError, match=r"twice.rule occurs twice, in lines 1 and 4 of twice.py"):
         again(text + text)
 
 

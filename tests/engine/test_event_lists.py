@@ -259,8 +259,8 @@ def declared(capacity: Any = 3, **more: Any) -> type[Event]:
         ({"capacity": None}, r'class Odd\(Event\) has no capacity.*capacity="agents"'),
         ({"columns": {"tick": column("i4")}}, "column 'tick' of its own"),
         ({"columns": {"count": column("i4")}}, "column 'count' of its own"),
-        ({"who": "giver"}, "who='giver' is none of its columns: agent"),
-        ({"columns": {"spot": column("f4")}, "whom": "spot"}, "whom='spot' is to hold entities.*unit=\"entity\""),
+        ({"who": "giver"}, "who='giver' is not one of its columns: agent"),
+        ({"columns": {"spot": column("f4")}, "whom": "spot"}, "whom='spot' must hold entities.*unit=\"entity\""),
         ({"columns": {"agent": column("i4", fill=-1)}}, "leave out fill"),
     ],
 )

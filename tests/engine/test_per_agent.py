@@ -162,11 +162,11 @@ role = outlast.role
 REFUSED: list[tuple[Mapping[str, Any], str]] = [
     ({"a": role(1), "b": role(2)}, "1 a + 2 b are 3 agents, but n_agents is 5: say replace"),
     ({"a": role(5), "b": role()}, r"5 a \+ at least 1 b are 6 agents"),
-    ({"a": role(agents=(5,)), "b": role()}, "role a: there is no agent 5, only 0 to 4"),
+    ({"a": role(agents=(5,)), "b": role()}, "role a: agent 5 does not exist, only 0 to 4"),
     ({"a": role(agents=(1,)), "b": role(agents=(1, 2))}, "agent 1 is in two roles"),
     ({"a": role(), "b": role()}, "only one role can leave out its count"),
     ({"a": role(walk_stride=1)}, "role a: the number walk_stride does not exist; a role can have: .*"),
-    ({"a": role(walk_alike=1.0)}, "walk_alike is the same for all agents, as its mechanic"),
+    ({"a": role(walk_alike=1.0)}, "walk_alike is the same for all agents, by its declaration"),
     ({"a": role(walk_step=-1)}, "role a: walk.step = -1: must be >= 0"),
     ({"a": role(walk_step=outlast.distributions.uniform(-1, 1))}, "role a: walk.step = -1"),
     ({"a": role(walk_step=float("nan"))}, "role a: walk.step = nan: a finite number"),
@@ -186,14 +186,14 @@ def test_impossible_roles_are_refused(given: Any, message: str) -> None:
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: outlast.role(0), "the count is a whole number from 1"),
-        (lambda: outlast.role(True), "the count is a whole number from 1"),
+        (lambda: outlast.role(0), "the count must be an integer >= 1"),
+        (lambda: outlast.role(True), "the count must be an integer >= 1"),
         (lambda: outlast.role(1, agents=(0,)), "give a count or ids, not both"),
         (lambda: outlast.role(agents=(0, 0)), "distinct ids"),
-        (lambda: outlast.role(agents=(0.5,)), "whole numbers from 0"),
+        (lambda: outlast.role(agents=(0.5,)), "integers >= 0"),
         (lambda: Roles(()), "at least one is needed"),
         (lambda: roles(**{"a b": outlast.role()}), "is no name of a role"),
-        (lambda: Roles((5,)), "5 is no role"),
+        (lambda: Roles((5,)), "5 is not a role"),
     ],
 )
 def test_bad_arguments_are_refused(make: Any, message: str) -> None:

@@ -372,7 +372,7 @@ def test_the_proposed_order_keeps_last_what_is_to_be_last() -> None:
         with pytest.raises(ScheduleError) as caught:
             in_phase(game, system.phase, parameters, after=component)
         (line,) = [each for each in str(caught.value).splitlines() if f" {system.label} " in each]
-        assert f'cancels out. Say before="{system.label}" on yours.act (' in line
+        assert f'cancel out. Say before="{system.label}" on yours.act (' in line
         ahead = tuple(re.findall(r'Say before="(.*?)" on yours.act', str(caught.value)))
         found = in_phase(game, system.phase, parameters, after=component, before=ahead)
         assert found.index("yours.act") < found.index(system.label)

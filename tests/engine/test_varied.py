@@ -272,11 +272,11 @@ def test_references_are_values_for_worlds_and_for_agents() -> None:
 @pytest.mark.parametrize(
     ("module", "differing", "words"),
     [
-        (tagged(whole="size"), {}, r"agent: Tag.whole is ref\('size'\), which is no number of tagged"),
+        (tagged(whole="size"), {}, r"agent: Tag.whole is ref\('size'\), which is not a number of tagged"),
         (tagged(whole="real"), {"real": uniform(0, 1)}, "tagged_real cannot vary: Tag.whole is int32, and the number"),
         (tagged(small="whole"), {"whole": integers(0, 300)}, "Tag.small has the range -128 to 127, and .* can be 300"),
         (tagged(few="whole"), {"whole": choice(2, 6)}, "Tag.few has the range 0 to 5, and the number can be 6"),
-        (tagged(real="pair"), {"pair": choice((1, 2), (3, 4))}, "a value of the shape|a tuple can only be given"),
+        (tagged(real="pair"), {"pair": choice((1, 2), (3, 4))}, "the value has shape|a tuple can only be given"),
         (tagged(sized=True), {"whole": integers(1, 3)}, "it decides how large the dimension 'lots' is"),
         (tagged("box", whole="whole"), {"whole": outlast.role(1)}, "Tag.whole of 'box' is the number, and only agents"),
         (tagged("tag"), {"count": outlast.role(1)}, "tagged_count cannot differ by role: it counts the entities 'tag'"),
