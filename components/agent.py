@@ -1,4 +1,4 @@
-"""Agents: their sides, and how observations describe them."""
+"""Agents: their sides, and their observations."""
 
 import functools
 import math
@@ -26,14 +26,14 @@ index_unit("side", "sides")
 
 
 class Side(Component):
-    """The side that an agent belongs to: its team, or in free-for-all its own index; -1 for an absent agent."""
+    """The side of an agent: its team, or in free-for-all its own index; -1 for an absent agent."""
 
     side: Array = column("i4", fill=-1, unit="side")
 
 
 @kernel
 def present(entities: Array, agents: Array) -> int:
-    """Return how many agents this episode has, dead or alive. They are the first ones."""
+    """Return the number of agents of this episode, dead or alive. They are the first ones."""
     count = 0
     for e in agents:
         count += exists(entities, e)
@@ -72,9 +72,9 @@ class OthersView(Observation):
 
 @functools.lru_cache(maxsize=8)
 def side_names(layout: MemoryLayout) -> tuple[str, ...]:
-    """Return the names of the sides, by number: "agent 0" without teams. A team is called after a role of its own.
+    """Return the names of the sides, by number: "agent 0" without teams. A team can have the name of its own role.
 
-    A role is a team's own if in all worlds all members have it, and nobody else has.
+    A role is a team's own if in all worlds all its members have it, and no other agents.
     """
     teams = len(layout.groups())
     plain = tuple(f"{'team' if teams else 'agent'} {k}" for k in range(teams or layout.dims.get("sides", 0)))

@@ -1,4 +1,4 @@
-"""Descriptors of what each agent did in an episode, for searches and curricula."""
+"""Descriptors of each agent's behaviour in an episode, for searches and curricula."""
 
 from outlast.ecs import Array, Singleton, Statistic, column
 
@@ -10,7 +10,7 @@ class Track(Singleton):
     y: Array = column("f4", "agents")
     here: Array = column("u1", "agents")  # 1: it was alive then
     visited: Array = column("u1", "agents", "behaviour cells")  # 1: it was in this cell of the room's grid
-    cells: Array = column("i4", "agents")  # how many cells it has visited
+    cells: Array = column("i4", "agents")  # number of visited cells
     enemies: Array = column("i4", "agents")  # ticks with an enemy alive
     mates: Array = column("i4", "agents")  # ticks with another agent of its side alive
 
@@ -23,7 +23,7 @@ class Condition(Singleton):
 
 
 class Travelled(Statistic):
-    """The life of each agent: how long it was, how far it went, and where it was."""
+    """The life of each agent: its length, the way travelled, and the cells visited."""
 
     ticks_alive: Array = column("i4", "agents")  # ticks at whose end it was alive
     distance_travelled: Array = column("f8", "agents")  # metres
@@ -33,8 +33,10 @@ class Travelled(Statistic):
 class Encounters(Statistic):
     """The nearness of each agent to others, over the ticks at the end of which it was alive."""
 
-    enemy_distance: Array = column("f8", "agents")  # mean metres to the nearest living enemy; 0: there was never any
-    mate_distance: Array = column("f8", "agents")  # mean metres to the nearest living agent of its side, likewise
+    enemy_distance: Array = column("f8", "agents")  # mean metres to the nearest living enemy; 0: there never was one
+    mate_distance: Array = column(
+        "f8", "agents"
+    )  # mean metres to the nearest living agent of its side; 0: there never was one
     enemy_in_view: Array = column("f8", "agents", low=0, high=1)  # share of ticks with an enemy in view
 
 
@@ -49,7 +51,7 @@ class Aggression(Statistic):
 
     strikes: Array = column("i4", "agents")
     strikes_landed: Array = column("f8", "agents", low=0, high=1)  # share of strikes that hit an enemy
-    damage_dealt: Array = column("i4", "agents")  # hit points that it took from enemies
+    damage_dealt: Array = column("i4", "agents")  # hit points taken from enemies
 
 
 class Care(Statistic):

@@ -10,7 +10,7 @@ from outlast.ecs.declarations.component import as_stored
 ONE, ZERO = np.float32(1), np.float32(0)
 HEADING, OUTLINE = ("angle", "cosine", "sine"), ("radius", "half_width", "half_height")
 TURN = "turn a body by face(body, e, angle) of outlast.components.body"
-BOUND = "the radius of the circle around the body decides how close to walls it may stand"
+BOUND = "the radius of the circle around the body decides its distance to walls"
 MASS = "by itself, it changes nothing"
 SPEED, SPIN = 10.0, 5.0  # metres a second, radians a second: scales that are seldom exceeded
 
@@ -29,7 +29,7 @@ class Body(Component):
     omega: Array = column("f4")  # radians/second
 
     def __init__(self, **fills: Any) -> None:
-        """Take prefab values. Cosine and sine follow from the angle."""
+        """Take prefab values. Cosine and sine are computed from the angle."""
         if given := [name for name in HEADING[1:] if name in fills]:
             raise DeclarationError(f"Body({given[0]}=...): it follows from the angle; give that, as in Body(angle=0.5)")
         super().__init__(**fills)
@@ -41,7 +41,7 @@ class Body(Component):
 class Shape(Component):
     """Outline: a circle, or with radius 0 a rectangle along the body's own axes.
 
-    It blocks sight and strikes, and cameras see only entities that have one.
+    It blocks sight and strikes, and cameras see only entities with one.
     """
 
     requires = (Body,)
@@ -49,7 +49,7 @@ class Shape(Component):
     radius: Array = column("f4")  # metres
     half_width: Array = column("f4")
     half_height: Array = column("f4")
-    bound: Array = column("f4")  # radius of the circle around all of it, computed at reset
+    bound: Array = column("f4")  # radius of the circle around the outline, computed at reset
 
 
 class Solid(Component):
@@ -60,7 +60,7 @@ class Solid(Component):
     dynamic: Array = column("u1", high=1)  # 1: can be pushed; 0: static, as walls are
     density: Array = column("f4", fill=1)  # kilograms/square metre
     mass: Array = column("f4")  # kilograms, computed at reset from density and shape
-    inertia: Array = column("f4")  # kilogram square metres about the centre; likewise
+    inertia: Array = column("f4")  # kilogram square metres about the centre, computed at reset
     may_collide: Array = column("u1", high=1)  # 1: may touch something in this tick
     max_travel: Array = column("f4")  # metres it may travel in this tick
 
@@ -68,9 +68,9 @@ class Solid(Component):
 class Push(Component):
     """The impulse of motors in this tick, in the world frame, which the physics applies."""
 
-    x: Array = column("f4")  # newton-seconds of the whole tick, spread evenly over its substeps
+    x: Array = column("f4")  # newton-seconds of a tick, spread evenly over its substeps
     y: Array = column("f4")
-    turn: Array = column("f4")  # newton-metre-seconds, likewise
+    turn: Array = column("f4")  # newton-metre-seconds of a tick, spread evenly over its substeps
 
 
 class Spawned(Component):
@@ -87,9 +87,9 @@ class Floor(Singleton):
 
 
 class Fault(Singleton):
-    """An unrecoverable error in this world; if it is set, the environment raises an error."""
+    """An unrecoverable error in this world, at which the environment raises an exception."""
 
-    physics: Array = column("u1")  # 1: a body had a number that Box2D cannot take (NaN, too large, no size, no mass)
+    physics: Array = column("u1")  # 1: a body had a number that Box2D cannot use (NaN, too large, no size, no mass)
 
 
 def room_sides(layout: Layout) -> tuple[float, float] | None:
@@ -116,5 +116,5 @@ PLACE = (Field("x", "m", scale=half_room), Field("y", "m", scale=half_room))  # 
 
 @kernel
 def inverse(quantity: Any) -> Any:
-    """Return 1 / mass or 1 / inertia, float32; 0 for a body without mass, which nothing moves."""
+    """Return 1 / mass or 1 / inertia, float32; 0 for a body without mass, which cannot be moved."""
     return ONE / quantity if quantity > 0 else ZERO

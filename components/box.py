@@ -1,4 +1,4 @@
-"""Boxes: breakable objects, and the items they turn into. Box k and box item k are the same object in two states."""
+"""Boxes: breakable objects, and the items that they become. Box k and box item k are the same object in two states."""
 
 import math
 
@@ -6,7 +6,7 @@ from outlast.ecs import Array, Component, Event, Field, Observation, Statistic, 
 
 from .body import PLACE
 
-VERTICES = Field("vertices", "m", scale=2.0, size=8)  # x, y of each, as if the box were at the origin
+VERTICES = Field("vertices", "m", scale=2.0, size=8)  # x, y of each, relative to the box's position
 
 
 class Box(Component):
@@ -56,5 +56,5 @@ class BoxBroken(Event, capacity=Box, who="by", whom="box"):
     """A box broke."""
 
     box: Array = column("i4", unit="entity")
-    by: Array = column("i4", unit="entity")  # the agent whose hit in this tick broke it, -1: none
-    side: Array = column("i4", unit="side")  # the side that did it, -1: none
+    by: Array = column("i4", unit="entity")  # the agent whose hit broke it in this tick, -1: none
+    side: Array = column("i4", unit="side")  # the side that broke it, -1: none

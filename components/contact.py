@@ -1,4 +1,4 @@
-"""Contacts and materials: components that a solid may have. A game without them pays nothing for them."""
+"""Contacts and materials: components that a solid may have. They cost nothing in games without them."""
 
 from typing import Any
 
@@ -11,18 +11,18 @@ ALL = 0xFFFF  # a mask of all sixteen layers
 
 
 class Filter(Component):
-    """A filter of what a solid touches: two touch if the layer of each is among what the other hits.
+    """A filter of contacts: two solids touch if the layer of each is among the layers that the other hits.
 
-    A solid without this component is in layer 1 and hits all. What a solid does not hit, it passes through, but nothing
-    leaves the room. One in layer 0, or that hits 0, touches nothing.
+    A solid without this component is in layer 1 and hits all. It passes through solids that it does not hit, but
+    nothing leaves the room. A solid in layer 0, or that hits 0, touches nothing.
 
-    Filter(sensor=1) is clear unless it says clear=0. Whoever makes a sensor of a solid in a tick writes both.
+    Filter(sensor=1) is clear unless clear=0 is given. A system that makes a solid a sensor in a tick writes both.
     """
 
     requires = (Solid,)
     layer: Array = column("u2", fill=1)  # bit mask of its layers
     hits: Array = column("u2", fill=ALL)  # bit mask of the layers that it hits
-    sensor: Array = column("u1", high=1)  # 1: it touches without pushing: what overlaps it passes through
+    sensor: Array = column("u1", high=1)  # 1: it touches without pushing: solids pass through it
     clear: Array = column("u1", high=1)  # 1: sight, rays of lidar and strikes pass through it
 
     def __init__(self, **fills: Any) -> None:
@@ -30,22 +30,22 @@ class Filter(Component):
 
 
 class Material(Component):
-    """The material of a solid. For -1, and for a solid without this component, numbers of physics hold.
+    """The material of a solid. -1, and solids without this component, stand for the numbers of physics.
 
-    Of two that touch, the friction is the geometric mean, and the restitution the larger one.
+    A contact has the geometric mean of both frictions, and the larger restitution.
     """
 
     requires = (Solid,)
     friction: Array = column("f4", fill=-1)  # coefficient
-    restitution: Array = column("f4", fill=-1)  # 0: it stops, 1: it bounces off as fast as it came
+    restitution: Array = column("f4", fill=-1)  # 0: it stops, 1: it bounces off at the same speed
     linear_damping: Array = column("f4", fill=-1)  # per second
     angular_damping: Array = column("f4", fill=-1)  # per second
 
 
 class Driven(Component):
-    """A static solid that moves at the velocity of its body, whatever it touches: a door, a moving wall.
+    """A static solid that moves at the velocity of its body, unaffected by contacts: a door, a moving wall.
 
-    It pushes what is dynamic, and is never pushed. It passes through static solids, and may leave the room.
+    It pushes dynamic solids, and is never pushed. It passes through static solids, and may leave the room.
     """
 
     requires = (Solid,)
@@ -54,12 +54,12 @@ class Driven(Component):
 class Touch(Event, capacity="touches", who="solid", whom="other"):
     """Two solids touched in this tick, in order of rows. Filled by physics in games with the mechanic Contacts."""
 
-    solid: Array = column("i4", unit="entity")  # the one with the smaller row
+    solid: Array = column("i4", unit="entity")  # the solid with the smaller row
     other: Array = column("i4", unit="entity")
-    x: Array = column("f4", unit="metres")  # where they pushed hardest; if one is a sensor, the middle of the other
+    x: Array = column("f4", unit="metres")  # the point of the strongest push; for a sensor, the middle of the other
     y: Array = column("f4", unit="metres")
-    impulse: Array = column("f4", unit="newton-seconds")  # with which they pushed each other apart; 0 for sensors
-    began: Array = column("u1")  # 1: they did not touch in the tick before
+    impulse: Array = column("f4", unit="newton-seconds")  # of the push that separates them; 0 for sensors
+    began: Array = column("u1")  # 1: they did not touch in the previous tick
 
 
 class Touching(Singleton):
@@ -96,7 +96,7 @@ def pushes(filters: Any, filtered: Any, e: int, o: int) -> bool:
 
 @kernel
 def clear_bits(filters: Any, b: int) -> int:
-    """Return which rows of block `b` are clear. filters: the table `Read[Filter] | None`."""
+    """Return the bitset of clear rows of block `b`. filters: the table `Read[Filter] | None`."""
     if filters is None:
         return 0
     return int(to_bits(load_flags(filters.clear, SIMD_WIDTH * b)))
@@ -112,12 +112,12 @@ def is_clear(filters: Any, e: int) -> bool:
 
 @kernel
 def fix(solid: Any, body: Any, e: int) -> None:
-    """Make solid `e` static from now on: nothing moves it until `free` does."""
+    """Make solid `e` static: nothing moves it until `free`."""
     solid.dynamic[e] = 0
     body.vx[e], body.vy[e], body.omega[e] = 0, 0, 0
 
 
 @kernel
 def free(solid: Any, e: int) -> None:
-    """Make solid `e` dynamic from now on: what touches it can push it."""
+    """Make solid `e` dynamic: solids that touch it can push it."""
     solid.dynamic[e] = 1

@@ -12,7 +12,7 @@ class Heal(Component):
 
 
 def usual_amount(layout: Layout) -> float:
-    """Return the hit points that a heal gives, the scale of the observed last slot; 1 if heals give none."""
+    """Return the hit points that a heal gives, the scale of the observed last slot; 1 if that is 0."""
     return layout.numbers("heals").get("amount") or 1.0
 
 

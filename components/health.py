@@ -1,4 +1,4 @@
-"""Hit points, who can take them away, and who did so last."""
+"""Hit points, immunity, and the source of the last damage."""
 
 from typing import Annotated, Any, TypeAlias
 
@@ -16,10 +16,10 @@ index_unit("damage type", "damage_types")
 
 
 class Guard(Component):
-    """Immunity: which sides can damage the entity."""
+    """Immunity to the damage of sides."""
 
-    immune_to: Array = column("i4", fill=-1)  # the side whose attacks do nothing, -1: none
-    vulnerable_only_to: Array = column("i4", fill=-1)  # the only side whose attacks do anything, -1: all do
+    immune_to: Array = column("i4", fill=-1)  # the side whose attacks have no effect, -1: none
+    vulnerable_only_to: Array = column("i4", fill=-1)  # the only side whose attacks have an effect, -1: all have
 
 
 class Health(Component):
@@ -45,17 +45,17 @@ class Died(Component):
 class Hit(Event, capacity="hits"):
     """An entity took damage, from any caller of `hurt`."""
 
-    agent: Array = column("i4", unit="entity")  # who did it, -1: nobody
+    agent: Array = column("i4", unit="entity")  # the agent that caused it, -1: none
     target: Array = column("i4", unit="entity")
     amount: Array = column("i4", unit="hit points")
     damage_type: Array = column("i4", unit="damage type")
-    side: Array = column("i4", unit="side")  # the side that did it, -1: none
+    side: Array = column("i4", unit="side")  # the side that caused it, -1: none
 
 
 class Death(Event, capacity=Died, who="by", whom="agent"):
     """An agent died."""
 
-    agent: Array = column("i4", unit="entity")  # who died
+    agent: Array = column("i4", unit="entity")  # the agent that died
     by: Array = column("i4", unit="entity")  # the agent whose hit in this tick killed, -1: none
     damage_type: Array = column("i4", unit="damage type")
     side: Array = column("i4", unit="side")  # the side that killed, -1: none
@@ -68,7 +68,7 @@ def full_health(layout: Layout) -> float:
 
 
 def can_hurt(layout: Layout) -> bool:
-    """Return whether some mechanic does damage, so that hit points mean something."""
+    """Return whether some mechanic does damage, so that hit points matter."""
     return bool(layout.labels["damage_type"])
 
 
@@ -86,10 +86,10 @@ def hurt(
 ) -> bool:
     """Take `amount` hit points from `e` unless it is immune. If it was hurt, emit a `Hit` and return True.
 
-    An amount of 0 hurts nobody: it is not a hit, and nobody gets credit for it.
+    An amount of 0 is not a hit, and gives no credit.
 
-    The recorded source is that of the last loss in the tick that brings the points to 0 or below: whoever hits the
-    entity in a later tick gets no credit (reference rules, section 7, point 6).
+    The recorded source is that of the last loss in the tick that brings the points to 0 or below: hits in later ticks
+    get no credit (reference rules, section 7, point 6).
 
     Args:
         health: The table of Health, to write.
@@ -101,7 +101,7 @@ def hurt(
         damage_type: Number of the damage type.
         source: The side that does the damage, -1: none.
         tick: Tick of the episode.
-        agent: Row of the agent that does the damage, -1: nobody.
+        agent: Row of the agent that does the damage, -1: none.
     """
     if amount == 0 or immune(guard, e, source):
         return False

@@ -1,4 +1,4 @@
-"""Hide and seek: what can be held, locked and climbed, and what agents do with it. Not part of the survival game."""
+"""Hide and seek: things that can be held, locked and climbed, and their use. Not part of the survival game."""
 
 from outlast.ecs import Action, Array, Component, Event, Singleton, Statistic, column
 
@@ -15,12 +15,12 @@ class Movable(Component):
     requires = (Solid,)
     locked_by: Array = column("i4", fill=NOBODY, unit="side")  # the side that has locked it; -1: none
     lockable: Array = column("u1", fill=1, high=1)
-    start_x: Array = column("f4")  # metres, where it stood at the start of the episode
+    start_x: Array = column("f4")  # metres, its position at the start of the episode
     start_y: Array = column("f4")
 
 
 class Crate(Component):
-    """A mark of crates and planks, which ramps do not have."""
+    """A mark of crates and planks, absent in ramps."""
 
 
 class Ramp(Component):
@@ -41,7 +41,7 @@ class Handle(Action, order=2):
 
 
 class OutOfReach(Idle):
-    """The agents that can hold nothing, and those that can neither lock nor unlock anything."""
+    """The agents that cannot hold a thing, and those that can neither lock nor unlock one."""
 
     grab: Array = column("u1", "agents", high=1)
     lock: Array = column("u1", "agents", high=1)
@@ -65,20 +65,20 @@ class Climbed(Event, capacity="agents", who="agent", whom="ramp"):
 class Doors(Singleton):
     """The middles of the doors of a quadrant."""
 
-    open: Array = column("u1", "doors")  # 1: there is a door, 0: a wall
+    open: Array = column("u1", "doors")  # 1: a door, 0: a wall
     x: Array = column("f4", "doors")  # metres
     y: Array = column("f4", "doors")
 
 
 class Tracked(Statistic):
-    """Statistics that the published environments record (TrackStatWrapper), and who handles what.
+    """Statistics that the published environments record (TrackStatWrapper), and the use of things.
 
     Moments: the end of the preparation, and the end of the episode.
     """
 
     ticks_seen: Array = column("i4")  # after the preparation, in which a seeker saw some hider
     held: Array = column("i4", "sides")  # ticks, summed over agents, in which they held something
-    locks: Array = column("i4", "sides")  # how often something was locked
+    locks: Array = column("i4", "sides")  # number of locks
     unlocks: Array = column("i4", "sides")
     climbs: Array = column("i4", "sides")
     crates_moved: Array = column("f4", "moments")  # metres, of the crate or plank that is farthest from its start

@@ -10,7 +10,7 @@ from .masks import of_agents
 
 
 class Item(Component):
-    """An item can be picked up, given, dropped and used. It is alive on the ground; while carried it has a holder.
+    """An item can be picked up, given, dropped and used. It is alive on the ground; while carried, it has a holder.
 
     To make a kind of item, declare an archetype with this component, and a system in phase EFFECT that reads `user`.
     """
@@ -19,12 +19,12 @@ class Item(Component):
     user: Array = column("i4", fill=-1, unit="entity")  # row of the agent that uses it in this tick, -1: none
 
 
-CLOSED = -2  # in Bag.items: the agent does not have this slot
+CLOSED = -2  # in Bag.items: the agent lacks this slot
 PUSH_POP = "put items in and take them out by push and pop of outlast.components.inventory"
 
 
 class Bag(Component):
-    """An inventory: a stack of item rows. Only its last item can be used, given or dropped, which only agents do."""
+    """An inventory: a stack of item rows. Only its last item can be used, given or dropped, and only by agents."""
 
     coupled = (Coupled(("count",), ("items",), PUSH_POP),)
     items: Array = column("i4", "slots", fill=-1, low=CLOSED, unit="entity")  # -1: free
@@ -32,7 +32,7 @@ class Bag(Component):
 
 
 class Gift(Component):
-    """The agent to whom an item is given in this tick."""
+    """The agent that gets an item in this tick."""
 
     taker: Array = column("i4", fill=-1, unit="entity")  # row of the taker, -1: none
 
@@ -44,7 +44,7 @@ class Use(Action, order=2):
 
 
 class Give(Action, order=3):
-    """The action of giving the last item of the bag to an agent in reach; `give_last_nearest` chooses which."""
+    """The action of giving the last item of the bag to an agent in reach; `give_last_nearest` chooses the agent."""
 
     give: Array = column("i1", "agents", low=0, high=1)
 
@@ -78,7 +78,7 @@ class ItemGiven(Event, capacity=Gift, who="giver", whom="taker"):
 
 
 class ItemDropped(Event, capacity=Item, whom="item"):
-    """An item was dropped from a bag to the ground, by choice or at a death."""
+    """An item was dropped from a bag to the ground, by an action or at a death."""
 
     agent: Array = column("i4", unit="entity")
     item: Array = column("i4", unit="entity")
@@ -91,11 +91,11 @@ def empty(bag: Any, e: int) -> Any:
 
 
 def empty_handed(worlds: WorldsView, received: Any) -> Array:
-    """Return which agents cannot pass on an item in the next tick, because their bags are empty.
+    """Return whether each agent cannot pass on an item in the next tick, because its bag is empty.
 
     Args:
-        worlds: The worlds as they are now.
-        received: Whether an agent can pass on an item in the tick in which it receives it, bool or bool (worlds,). Then
+        worlds: The worlds in their present state.
+        received: Whether agents can pass on an item in the tick in which they receive it, bool or bool (worlds,). Then
             all bags of a world must be empty.
 
     Returns:
@@ -114,7 +114,7 @@ def last(bag: Any, e: int) -> int:
 
 @kernel
 def held(bag: Any, e: int, kind: Any) -> int:
-    """Return the row of the last item in the bag of `e` if it is of that kind, a RowIndex of its component; else -1."""
+    """Return the row of the last item in the bag of `e` if it is of a kind, a RowIndex of its component; or -1."""
     row = last(bag, e)
     return row if row >= 0 and kind[row] >= 0 else -1
 
@@ -127,7 +127,7 @@ def full(bag: Any, e: int) -> bool:
 
 @kernel
 def push(bag: Any, item: Any, e: int, row: int) -> bool:
-    """Put the item in row `row` into the bag of `e` and return True. If it is full, do nothing and return False."""
+    """Put the item in row `row` into the bag of `e` and return True. Do nothing and return False if it is full."""
     if full(bag, e):
         return False
     bag.items[e, bag.count[e]] = row

@@ -17,6 +17,6 @@ def usual_depth(layout: Layout) -> float:
 
 
 class LidarView(Observation):
-    """Metres from each agent's centre to what its rays hit, from right to left; zeros while it is dead or blind."""
+    """Metres from each agent's centre to the hits of its rays, from right to left; zeros while it is dead or blind."""
 
     lidar: Array = column("f4", "agents", fields=(Field("distance", "m", low=0, scale=usual_depth, size=RAYS),))

@@ -1,8 +1,8 @@
-"""The largest numbers that scenarios can have; beyond them, something hangs, wraps or leaves the range of float32."""
+"""The largest numbers that scenarios can have; beyond them, code hangs, wraps or leaves the range of float32."""
 
 MANY = 65_536  # rows of a kind: more would take gigabytes, or minutes to lay out
 CROWD = 4096  # agents: each observes all others, so memory grows with the square of their number
-FAR = 10_000.0  # metres: in a room of this size, float32 still tells apart places half a millimetre from each other
+FAR = 10_000.0  # metres: in a room of this size, float32 still separates positions half a millimetre apart
 FAST = 100_000.0  # metres or radians a second: more than Box2D lets a body move in a substep
 TICKS = 1_000_000_000  # a year; counts of ticks are int32, and sums of a few of these fit into int64
 STRONG = 1e5  # impulses, frictions and dampings: products of a few stay far inside float32

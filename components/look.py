@@ -1,4 +1,4 @@
-"""Looks of entities, as data: pictures, films and pages read it, and no layer has to be written."""
+"""Looks of entities, as data: pictures, films and pages read it, so that mechanics need no code for them."""
 
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
@@ -12,16 +12,16 @@ NOTHING = -1
 class Look:
     """The look of a kind of entities, by columns: Look(tint=Crate.locked_by, line_to=Weld.other, ring=Aloft.ticks).
 
-    A kind that has a look is not drawn as a wall, even if it is solid and stands still.
+    A kind with a look is not drawn as a wall, even if it is solid and static.
 
     Attributes:
         color: Its colour, (red, green, blue), 0 to 255 each; None: one by kind.
         tint: A column of sides: where it is not -1, the entity has the colour of that side.
-        ring: A column: where it is above 0, there is a ring around the entity.
-        line_to: A column of rows: where it is not -1, there is a line to that entity.
+        ring: A column: where it is above 0, the entity has a ring.
+        line_to: A column of rows: where it is not -1, a line is drawn to that entity.
 
     Raises:
-        DeclarationError: A column is something else, or has dimensions.
+        DeclarationError: A value is not a column, or has dimensions.
     """
 
     color: tuple[int, int, int] | None = None
@@ -38,7 +38,7 @@ class Look:
 
 @runtime_checkable
 class HasLooks(Protocol):
-    """A mechanic that says how entities look; any one with this method does."""
+    """A mechanic with looks of entities: any mechanic with this method."""
 
     def looks(self) -> dict[str, Look]:
-        """Return looks by kind of entities, those of its own or of others."""
+        """Return looks by kind of entities, its own or others."""

@@ -1,4 +1,4 @@
-"""Action masks: mechanics that have actions may say which of these would do nothing."""
+"""Action masks: mechanics with actions may mark those without effect."""
 
 from collections.abc import Mapping
 from typing import Any, Protocol, runtime_checkable
@@ -7,20 +7,20 @@ from outlast.ecs import Array, Component, Singleton, WorldsView
 
 
 class Idle(Singleton):
-    """Base of components that say which actions would do nothing: another way to say what `idle_actions` does.
+    """Base of components that mark actions without effect: an alternative to `idle_actions`.
 
         class Empty(Idle):
-            grab: Array = column("u1", "agents")  # 1: nobody is in reach
+            grab: Array = column("u1", "agents")  # 1: no entity is in reach
 
-    Each column is called like an action. A system of phase END writes it, so a kernel can serve the rule and the mask.
+    Each column has the name of an action. A system of phase END writes it, so a kernel can serve the rule and the mask.
     """
 
 
 def of_agents(rule: Any, worlds: WorldsView, component: type[Component]) -> Array:
-    """Return what a kernel (table, e) returns for each agent, so that a rule serves its systems and its mask.
+    """Return the result of a kernel (table, e) for each agent, so that a rule serves its systems and its mask.
 
     Args:
-        rule: The kernel. It must do nothing but compare columns at `e`, which is the same for one row and for arrays.
+        rule: The kernel. It must only compare columns at `e`, which works for one row and for arrays.
         worlds: Worlds, between two ticks.
         component: The component of the table.
 
@@ -33,16 +33,16 @@ def of_agents(rule: Any, worlds: WorldsView, component: type[Component]) -> Arra
 
 @runtime_checkable
 class MasksActions(Protocol):
-    """A mechanic that says which agents' actions would do nothing in the next tick; any one with this method does."""
+    """A mechanic that marks actions without effect in the next tick: any mechanic with this method."""
 
     def idle_actions(self, worlds: WorldsView) -> Mapping[str, Any]:
-        """Return which agents' actions would do nothing in the next tick, for action masks.
+        """Return whether actions of each agent have no effect in the next tick, for action masks.
 
         Args:
             worlds: Worlds, between two ticks.
 
         Returns:
             By key of each action that the systems of this mechanic read, bool (worlds, agents): True only if all values
-            of the action would leave exactly the same world behind. An action that several mechanics read is masked
-            where all of them say so; one that is not named here is never masked.
+            of the action lead to exactly the same world. An action that several mechanics read is masked
+            where all of them return True; an action without an entry is never masked.
         """

@@ -12,9 +12,9 @@ class Attack(Action, order=1):
 
 
 class Weapon(Component):
-    """A melee weapon. Agents strike with it, as they have the action; other kinds need a system of their own."""
+    """A melee weapon. Agents strike with it by their action; other kinds need a system of their own."""
 
-    target: Array = column("i4", fill=-1, unit="entity")  # row that this tick's strike hits, -1: none
+    target: Array = column("i4", fill=-1, unit="entity")  # row hit by this tick's strike, -1: none
     cooldown: Array = column("i4")  # ticks until it can strike again
 
 
@@ -25,7 +25,7 @@ def cooling(weapon: Any, e: int) -> Any:
 
 
 class Strike(Event, capacity=Weapon):
-    """An agent struck, whether it hit something or not. Damage to entities with health is a `Hit`."""
+    """An agent struck, with or without a hit. Damage to entities with health is a `Hit`."""
 
     agent: Array = column("i4", unit="entity")
-    target: Array = column("i4", unit="entity")  # what it hits, -1: nothing
+    target: Array = column("i4", unit="entity")  # the row that it hits, -1: none

@@ -4,11 +4,11 @@ import numpy as np
 
 from outlast.ecs import Action, Array, column
 
-HUNDREDTH = np.float32(0.01)  # the share of full thrust or speed that 1 in Throttle stands for
+HUNDREDTH = np.float32(0.01)  # share of full thrust or speed for 1 in Throttle
 
 
 class Control:
-    """The slot of what moves agents, Motors, Steering or the fine ones: a scenario has at most one. See Module.slot."""
+    """The slot of Motors, Steering and the fine ones, of which a scenario has at most one. See Module.slot."""
 
 
 class Drive(Action, order=0):

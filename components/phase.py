@@ -9,7 +9,7 @@ from outlast.ecs import Real, Service, When
 
 
 class Phase(ecs.PhaseBase):
-    """The order of a tick; each phase says what is true when it ends.
+    """The order of a tick; each phase has a postcondition.
 
     Phases with When.RESET or When.ALWAYS also run in the tick that starts an episode.
     """
@@ -34,7 +34,7 @@ class Phase(ecs.PhaseBase):
     END = When.ALWAYS, "terminated and truncated are known"
     RECORD = When.STEP, "the statistics of the episode are up to date"
 
-    # the same phases by names that say nothing of hit points, items and zones
+    # the same phases by names without hit points, items and zones
     RETURN = RESPAWN
     CHOOSE = USE
     ACT = EFFECT
@@ -52,4 +52,4 @@ def tick_length(physics_rate: float, physics_substeps: int) -> Real:
 
 
 Seconds: TypeAlias = Annotated[Real, Service(tick_length)]
-"""A parameter of systems: the length of a tick in seconds, float32. It follows from two numbers of `Physics`."""
+"""A parameter of systems: the length of a tick in seconds, float32. It is computed from two numbers of `Physics`."""

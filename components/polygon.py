@@ -11,8 +11,8 @@ from .body import Body, Shape
 from .limits import FAR
 
 LEAST, MOST = 3, 8  # corners
-SLOP = np.float32(0.005)  # metres: b2_linearSlop, below which Box2D's contacts tell nothing apart
-SOUND, NEAR, OUTSIDE, FLAT = range(4)  # what `flaw` finds
+SLOP = np.float32(0.005)  # metres: b2_linearSlop, Box2D's contacts do not resolve smaller distances
+SOUND, NEAR, OUTSIDE, FLAT = range(4)  # results of `flaw`
 ZERO = np.float32(0)
 EXAMPLE = "as in Polygon([(0, 0), (2, 0), (0, 1)])"
 
@@ -20,21 +20,21 @@ EXAMPLE = "as in Polygon([(0, 0), (2, 0), (0, 1)])"
 class Polygon(Component):
     """The outline of a body: a convex polygon of 3 to 8 corners, metres, in the body's own frame.
 
-    Polygon([(0, 0), (2, 0), (0, 1)]) is a wedge. It brings the body's Shape, the rectangle around it. The place of the
-    body is the polygon's centre of mass, wherever the origin of the corners is. Corners may be given either way round;
-    they are stored counter-clockwise from the one farthest to the right, as Box2D has them, and do not change later.
-    Where bodies start and are kept inside a room, the rectangle or the circle around it counts.
+    Polygon([(0, 0), (2, 0), (0, 1)]) is a wedge. It brings the body's Shape, the rectangle around it. The position of
+    the body is the polygon's centre of mass, for any origin of the corners. Corners may be given clockwise or not; they
+    are stored counter-clockwise from the rightmost one, as in Box2D, and do not change later. Start positions, and the
+    walls of rooms, use the rectangle or the circle around it.
 
     Args:
         corners: The corners, (x, y) each; or a list of such lists, one for each entity of the kind.
 
     Raises:
-        DeclarationError: There are fewer than 3 corners or more than 8; they are not finite, or farther than 10 km from
-            the origin; two are less than 5 mm apart; one is in line with others; or the polygon is not convex.
+        DeclarationError: Corners are fewer than 3 or more than 8; they are not finite, or farther than 10 km from
+            the origin; two are less than 5 mm apart; three are in line; or the polygon is not convex.
     """
 
     requires = (Body, Shape)
-    corners: Array = column("i4", high=MOST)  # how many there are; 0: not a polygon
+    corners: Array = column("i4", high=MOST)  # number of corners; 0: not a polygon
     x: Array = column("f4", MOST)  # metres
     y: Array = column("f4", MOST)
 
@@ -50,7 +50,7 @@ class Polygon(Component):
         )
 
     def brings(self) -> tuple[Component, ...]:
-        """Return the rectangle around it."""
+        """Return the rectangle around the polygon."""
         half_width, half_height = (np.abs(self.fills[axis]).max(-1) for axis in "xy")
         return (Shape(half_width=half_width, half_height=half_height),)
 
@@ -96,13 +96,13 @@ def _arranged(corners: Any) -> Any:
 
 
 def _area(points: Any) -> float:
-    """Return the area, square metres; below 0 if corners go round clockwise."""
+    """Return the area, square metres; negative for clockwise corners."""
     (x, y), (next_x, next_y) = points.T, np.roll(points, -1, 0).T
     return float((x * next_y - y * next_x).sum() / 2)
 
 
 def _centre(points: Any) -> Any:
-    """Return the centre of mass; of points in a line, their mean."""
+    """Return the centre of mass; for points in a line, their mean."""
     middle = points.mean(0)
     around = points - middle
     following = np.roll(around, -1, 0)
@@ -114,12 +114,12 @@ def _centre(points: Any) -> Any:
 
 @kernel
 def flaw(x: Any, y: Any, corners: int) -> tuple[int, int, int]:
-    """Return why corners, counter-clockwise, are not a convex polygon that Box2D takes, and the edge and corner.
+    """Return the reason why counter-clockwise corners are not a convex polygon for Box2D, with the edge and corner.
 
     Args:
-        x: Of each corner, metres, finite.
-        y: Likewise.
-        corners: How many there are, at least 3.
+        x: x of each corner, metres, finite.
+        y: y of each corner, metres, finite.
+        corners: Number of corners, at least 3.
 
     Returns:
         (SOUND, 0, 0); (NEAR, k, k) if edge k, from corner k to the next, is too short; (OUTSIDE, k, j) if corner j is

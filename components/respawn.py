@@ -4,14 +4,14 @@ from outlast.ecs import Array, Clock, Component, Entity, Event, Statistic, World
 
 
 class Return(Component):
-    """The tick in which a dead agent comes back, and its hit points then."""
+    """The tick in which a dead agent returns, and its hit points then."""
 
-    tick: Array = column("i8", fill=-1)  # tick of the episode in which it comes back; -1: it does not
+    tick: Array = column("i8", fill=-1)  # tick of its return in the episode; -1: none
     health: Array = column("i4")  # the hit points with which it began the episode
 
 
 def inactive(worlds: WorldsView) -> Array:
-    """Return which agents do nothing in the next tick, whatever their actions: dead or absent, and not coming back.
+    """Return whether actions of each agent have no effect in the next tick: it is dead or absent, and does not return.
 
     Returns:
         bool (worlds, agents), a new array.
@@ -25,12 +25,12 @@ def inactive(worlds: WorldsView) -> Array:
 
 
 class Respawned(Event, capacity=Return, who="agent"):
-    """An agent came back."""
+    """An agent returned."""
 
     agent: Array = column("i4", unit="entity")
 
 
 class Respawns(Statistic):
-    """The number of times that agents came back in this episode."""
+    """The number of returns of agents in this episode."""
 
     respawns: Array = column("i4")

@@ -12,9 +12,9 @@ class Score(Singleton):
 
 
 class Outcome(Statistic):
-    """The score of each side, in games that are not won by living longest: the side with the highest number wins.
+    """The score of each side, in games that are not won by surviving longest: the highest score wins.
 
-    A mechanic of the game declares and writes it. Games without it are won by the side that lives longest.
+    A mechanic of the game declares and writes it. Without it, the side that survives longest wins.
     """
 
     outcome: Array = column("f8", "sides")
@@ -34,15 +34,15 @@ class End(Signal):
 
 
 class Episode(Statistic):
-    """The statistics that every episode reports, whatever the mechanics."""
+    """The statistics that every episode reports, with any mechanics."""
 
     length: Array = column("i4")  # ticks
     returns: Array = column("f8", "agents", key="return")  # sums of rewards
 
 
 class Kills(Statistic):
-    """The deaths of an episode, in games in which agents can die. Brought and written by mortality."""
+    """The deaths of an episode, in games in which agents can die. Added and written by mortality."""
 
     kills: Array = column("i4", "sides")
     deaths: Array = column("i4", "damage_types")
-    first_death: Array = column("i4")  # tick, 0: nobody died
+    first_death: Array = column("i4")  # tick, 0: no deaths

@@ -1,4 +1,4 @@
-"""Rows that each agent sees, and those of them that its observation shows."""
+"""Rows that each agent sees, and rows that its observation shows."""
 
 from typing import Any
 
@@ -10,7 +10,7 @@ MODES = ("masked", "revealed", "omniscient")
 
 
 class Sight(Singleton):
-    """Visibility bitsets: one bit per entity (see simd), one row per observer. All is visible without cameras."""
+    """Visibility bitsets: one bit per entity (see simd), one row per observer. Without cameras, all are set."""
 
     visible: Array = column("i4", "agents", "blocks")
     mode: Array = column("i4", fill=OMNISCIENT, low=0, high=len(MODES) - 1)  # index into MODES
@@ -19,13 +19,13 @@ class Sight(Singleton):
 class ObservationMasks(Singleton, packed=False):
     """The rows of the observations to write: one bit per entity, one row per observer.
 
-    Kept alongside the observations, which outlive an episode: only rows that are filled, or were filled in the tick
-    before, are written again. All others are zero and stay so.
+    Kept alongside the observations, which outlive an episode: only rows that are filled, or were in the previous
+    tick, are written. All others are zero and remain so.
     """
 
     mask: Array = column("i4", "agents", "blocks")  # the observation's mask is 1
     filled: Array = column("i4", "agents", "blocks")  # the row holds numbers; in masked mode the same as `mask`
-    dirty: Array = column("i4", "agents", "blocks")  # the row must be written: it is filled, or was
+    dirty: Array = column("i4", "agents", "blocks")  # the row must be written: it is or was filled
 
 
 @kernel
@@ -36,6 +36,6 @@ def is_set(bitsets: Any, i: int, e: int) -> int:
 
 @kernel
 def set_bit(bitsets: Any, i: int, e: int, on: bool) -> None:
-    """Set the bit of row `e` in bitset number `i`. In Sight.visible it says that observer `i` sees `e`."""
+    """Set the bit of row `e` in bitset number `i`. In Sight.visible it means that observer `i` sees `e`."""
     bit, word = 1 << (e & SIMD_WIDTH - 1), bitsets[i, e >> SIMD_SHIFT]
     bitsets[i, e >> SIMD_SHIFT] = word | bit if on else word & ~bit

@@ -1,4 +1,4 @@
-"""Walls inside the room: static blocks, and what keeps bodies out of them."""
+"""Walls inside the room: static blocks, and data to keep bodies out of them."""
 
 import numpy as np
 
@@ -12,8 +12,8 @@ KIND, SHIFT = np.int64(stream_number(NAME) >> 33), np.int64(32)  # upper bits of
 class Wall(Component):
     """A static block inside the room, while alive: a rectangle that collides, blocks sight and stops strikes.
 
-    Its columns are computed at reset. A system that turns or resizes a block later has to write them, too: bodies and
-    strikes are kept out of what is inside of them.
+    Its columns are computed at reset. A system that turns or resizes a block later must write them, too: they keep
+    bodies and strikes out of the block.
     """
 
     half_x: Array = column("f4")  # metres, half the sides of the upright rectangle around it
@@ -28,9 +28,9 @@ class Before(Singleton):
 
 
 class StartAreas(Singleton, packed=False):
-    """The areas in which bodies that spawn start: rectangles, which the mechanic that sets up walls writes and reads.
+    """The areas in which bodies that spawn start: rectangles, written and read by the mechanic that sets up walls.
 
-    They are of use in a reset only, and no part of the state.
+    They are used in resets only, and are not part of the state.
     """
 
     # x, y, width, height, angle, and the use (systems.geometry.places); width 0: none; the last one is the room
@@ -38,9 +38,9 @@ class StartAreas(Singleton, packed=False):
 
 
 class Unplaced(Singleton):
-    """The number of bodies without a free place in the room at reset; if there are any, environments raise an error."""
+    """The number of bodies without a free place in the room at reset; if it is not 0, environments raise an error."""
 
-    bodies: Array = column("i4")  # how many there are
+    bodies: Array = column("i4")  # their number
 
 
 @kernel

@@ -8,7 +8,7 @@ from .body import PLACE, half_room
 
 
 class Zone(Singleton):
-    """The present safe circle, and the next one, which it moves towards. Radius 0: void, nowhere is safe."""
+    """The present safe circle, and the next one, towards which it moves. Radius 0: void, no place is safe."""
 
     x: Array = column("f4")  # metres
     y: Array = column("f4")
@@ -20,7 +20,7 @@ class Zone(Singleton):
 
 
 class ZoneView(Observation):
-    """Centre and radius now, next centre and radius; the same row for every agent."""
+    """Present centre and radius, next centre and radius; the same row for every agent."""
 
     zone: Array = column(
         "f4",

@@ -1,4 +1,4 @@
-"""Agents: round bodies controlled by a policy, and what they observe of themselves and each other."""
+"""Agents: round bodies controlled by a policy, and their observations of themselves and each other."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -116,7 +116,7 @@ def update_masks(
         alive[b], present[b] = to_bits(load_flags(entities.alive, SIMD_WIDTH * b)) & rows[b], peers[b]
     if mode != MASKED:
         for e in agents:
-            if entities.identity[e] < 0:  # absent: observed by nobody
+            if entities.identity[e] < 0:  # absent: not observed
                 present[e >> SIMD_SHIFT] &= ~(1 << (e & SIMD_WIDTH - 1))
     for i in range(agents.size):
         living = -np.int32(entities.alive[agents[i]])  # all bits, or none
@@ -153,5 +153,5 @@ def see_others(
     peers: Bitset[Side],
     index: RowIndex[Side],
 ) -> None:
-    """Write the other agents' own rows, with all that mechanics add to them, even those of dead agents."""
+    """Write the other agents' own rows, including fields of other mechanics, even for dead agents."""
     write_rows(view.others, view.others_mask, masks, peers, index, fill_other, (own.own, index), True)

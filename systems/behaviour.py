@@ -1,4 +1,4 @@
-"""Behaviour: descriptors of what each agent did in an episode, for quality-diversity search and curricula."""
+"""Behaviour: descriptors of each agent's behaviour in an episode, for quality-diversity search and curricula."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -36,7 +36,7 @@ from outlast.ecs import Array, Bitset, Entity, Module, Read, RowIndex, Rows, Sin
 from .geometry.blocks import first_row
 from .geometry.rays import NO_HIT, raycast_entity
 
-MOST_CELLS = 32  # each way: they take a kilobyte for each agent
+MOST_CELLS = 32  # on each side: they take a kilobyte for each agent
 HALF, ONE, ZERO = np.float32(0.5), np.float32(1), np.float32(0)
 
 
@@ -44,7 +44,7 @@ HALF, ONE, ZERO = np.float32(0.5), np.float32(1), np.float32(0)
 class Behaviour(Module):
     """Statistics of each agent's behaviour; nothing else in the game changes.
 
-    They cover the ticks at the end of which the agent is alive, and the world as it then is, as observations show it.
+    They cover the ticks at the end of which the agent is alive, and the world at that time, as observations show it.
     Statistics of a mechanic that the scenario lacks stay 0. cells: an agent visits the cell that contains its centre.
     need: an agent needs a heal if it had fewer hit points at the end of the previous tick.
     """
@@ -71,7 +71,7 @@ def average(means: Array, i: int, value: Any, count: int) -> None:
 
 @kernel
 def arrive(track: Array, i: int, body: Array, floor: Array, e: int, cells: int) -> None:
-    """Record the position of agent `i`, in row `e`, and the cell that it visits; outside the room there are none."""
+    """Record the position of agent `i`, in row `e`, and the cell that it visits; outside the room are no cells."""
     track.here[i], track.x[i], track.y[i] = 1, body.x[e], body.y[e]
     x, y = body.x[e] / floor.size[0] + HALF, body.y[e] / floor.size[floor.size.size - 1] + HALF
     if ZERO <= x < ONE and ZERO <= y < ONE:
@@ -113,7 +113,7 @@ def sees_enemy(mask: Array, side: Array, peers: Array, i: int, me: int) -> bool:
 def begin(
     track: Write[Track], body: Read[Body], floor: Read[Floor], entities: Read[Entity], agents: Rows[Side], cells: int
 ) -> None:
-    """Record where the agents start."""
+    """Record the start positions of agents."""
     for i in range(agents.size):
         e = agents[i]
         if entities.alive[e]:
@@ -130,7 +130,7 @@ def follow(
     agents: Rows[Side],
     cells: int,
 ) -> None:
-    """Measure how far living agents have moved. The distance to where a dead agent comes back does not count."""
+    """Measure the distances moved by living agents. The distance to the place of a respawn does not count."""
     for i in range(agents.size):
         e = agents[i]
         if not entities.alive[e]:
@@ -156,7 +156,7 @@ def meet(
     agents: Rows[Side],
     peers: Bitset[Side],
 ) -> None:
-    """Measure how near living agents are to others, and whether they see enemies."""
+    """Measure the distances of living agents to others, and whether they see enemies."""
     for i in range(agents.size):
         me = agents[i]
         if not entities.alive[me]:

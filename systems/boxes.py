@@ -62,8 +62,8 @@ class Boxes(Module):
     """Breakable rectangles of random shape (paper, section 3.2).
 
     Their sides are drawn from a normal distribution, clipped below; a deviation of 0 makes all boxes alike. owned:
-    whoever breaks a box first owns it, and from then on only that side can break it. offset: how far ahead of its user
-    a used item sets up the box; the paper says at the user's own place, its runs had 0.75 (reference rules, section 6,
+    the side that breaks a box first owns it, and only that side can break it later. offset: distance ahead of its user
+    at which an item sets up the box; 0 in the paper's text, 0.75 in its runs (reference rules, section 6,
     point 6).
 
     Two rules are not in the paper; its runs had the second value of each. settles: a box can be damaged in the tick in
@@ -128,7 +128,7 @@ class Boxes(Module):
             check_fits(layout, f"boxes.{name}", getattr(self, name), getattr(self, name))
 
     def bounds(self, layout: Layout) -> Mapping[str, Any]:
-        """Return bounds of places, which include walls: a box may be set up in one, and leave its item there."""
+        """Return bounds of places, which include walls: a box may be set up in a wall, and leave its item there."""
         sides = (self.width, self.width_deviation), (self.height, self.height_deviation)
         half = [max(self.least, mean + NORMAL * deviation) / 2 * ROUNDING for mean, deviation in sides]
         vertices, (x, y) = np.array(half * 4), farthest_body(layout)
@@ -180,7 +180,7 @@ def set_up(
     items: Rows[BoxItem],
     offset: float,
 ) -> None:
-    """Turn used items into boxes again, upright, wherever that is: contacts push out whatever overlaps them."""
+    """Turn used items into boxes again, upright, at any place: contacts push out bodies that overlap them."""
     for k in range(items.size):
         user = item.user[items[k]]
         if user < 0:
@@ -252,7 +252,7 @@ def box_outline(i: int, e: int, into: Array, shape: Read[Shape], box: Read[Box],
 def item_outline(
     i: int, e: int, into: Array, shape: Read[Shape], boxes: Rows[Box], index: RowIndex[BoxItem], corners: int
 ) -> None:
-    """Write the vertices of the box that an item is."""
+    """Write the vertices of an item's box."""
     outline(into, shape, boxes[index[e]] if e >= 0 else -1, corners == ROLLED)
 
 

@@ -1,4 +1,4 @@
-"""Cameras: an agent sees what is in its vision cone, if nothing is in between."""
+"""Cameras: an agent sees the entities in its vision cone that are not hidden by others."""
 
 import math
 from dataclasses import dataclass
@@ -73,7 +73,7 @@ def see(
     items_occlude: bool,
     mode: int,
 ) -> None:
-    """Compute visibility, while agents that die in this tick are still in the world."""
+    """Compute visibility, while agents that die in this tick are still alive."""
     sight.mode[0] = mode
     if mode == OMNISCIENT:
         return
@@ -100,7 +100,7 @@ def see(
             sight.visible[i, b] = inside & here
             hiding[k] = around & here & (solids[b] | items_hide) & ~clear_bits(filters, b)
         for start in range(0, living, PER_WORD):
-            pending = 0  # of several blocks, as the end of a loop over few rows is often mispredicted
+            pending = 0  # of several blocks, since the end of a loop over few rows is often mispredicted
             for k in range(start, min(start + PER_WORD, living)):
                 pending |= int(sight.visible[i, bodies.lines[k]]) * (1 << SIMD_WIDTH * (k - start))
             while pending:
@@ -132,7 +132,7 @@ def see_in_crowd(
     cone: int,
     items_hide: Any,
 ) -> None:
-    """Do what `see` does among many: first list the near rows side by side, as few rows of a block are near."""
+    """Compute the same as `see` for a crowd: first list near rows side by side, since few rows of a block are near."""
     body, shape, entities, filters = tables
     half_cos, half_sin = half_angle(of(fov, agents[0]))
     rows, lanes = bodies.rows, (listed[0], listed[1], listed[2], listed[3])
@@ -170,7 +170,7 @@ def see_in_crowd(
 
 @kernel
 def list_near(bodies: Any, listed: Array, body: Array, me: int, depth: Real, half_cos: Real, half_sin: Real) -> int:
-    """List the other rows whose AABB may overlap that of the vision cone of `me`; return how many."""
+    """List the other rows whose AABB may overlap that of the vision cone of `me`. Return their number."""
     x, y, cosine, sine = body.x[me], body.y[me], body.cosine[me], body.sine[me]
     low_x, high_x = cone_ends(cosine, sine, depth, half_cos, half_sin)
     low_y, high_y = cone_ends(sine, cosine, depth, half_cos, half_sin)
@@ -198,7 +198,7 @@ def first_lanes(count: int) -> int:
 
 @kernel
 def cone_ends(along: Real, across: Real, depth: Real, half_cos: Real, half_sin: Real) -> tuple[Real, Real]:
-    """Return how far a vision cone extends back and forth along an axis; (along, across): its heading from there."""
+    """Return the extents of a vision cone back and forth along an axis; (along, across): its heading from there."""
     one, other = depth * (along * half_cos - across * half_sin), depth * (along * half_cos + across * half_sin)
     low, high = min(ZERO, min(one, other)), max(ZERO, max(one, other))
     return -depth if -along >= half_cos else low, depth if along >= half_cos else high
@@ -226,10 +226,10 @@ def in_view(
 def line_of_sight(hiding: Array, bodies: Any, body: Array, shape: Array, me: int, e: int) -> bool:
     """Return whether the first body on the ray from the centre of `me` to the centre of `e` is `e` itself.
 
-    hiding: bitsets of the rows that may be in between, line by line of the index.
+    hiding: bitsets of the rows that may be in between, by lines of the index.
     """
     x, y, dx, dy, reach = ray_to(body, shape, bodies.polygons, me, e)
-    near = 0  # whether some body may be in between, which is hardly ever so: found without a branch for each block
+    near = 0  # whether some body may be in between, which is rare: computed without a branch for each block
     for k in range(bodies.count[0]):
         near |= near_ray(hiding, k, bodies, x, y, dx, dy, e)
     if near == 0 or reach == NO_HIT:
@@ -253,7 +253,7 @@ def near_ray(hiding: Array, k: int, bodies: Any, x: Real, y: Real, dx: Real, dy:
 
 @kernel
 def seen_past(listed: AABBs, bodies: Any, count: int, body: Array, shape: Array, me: int, e: int) -> bool:
-    """Return the same as `line_of_sight`, given a list of the `count` rows that may be in between; see `list_row`."""
+    """Return the same as `line_of_sight`, from a list of the `count` rows that may be in between; see `list_row`."""
     rows, polygons = bodies.rows, bodies.polygons
     x, y, dx, dy, reach = ray_to(body, shape, polygons, me, e)
     if reach == NO_HIT:

@@ -1,4 +1,4 @@
-"""Contacts: which solids touch each other, as events."""
+"""Contacts: touches between solids, as events."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from outlast.ecs import Module, Singleton, number
 
 @dataclass(frozen=True)
 class Contacts(Module):
-    """Contacts of solids as the event Touch: which, where, how hard, and whether they have just begun."""
+    """Contacts of solids as the event Touch: the solids, point, impulse, and whether the contact is new."""
 
     most: int = number(
         256, low=1, high=100_000, unit="pairs", about="how many may touch in a tick of a world; more are an error"

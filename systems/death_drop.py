@@ -19,8 +19,8 @@ TURN = np.float32(2 * math.pi)
 class DeathDrop(Module):
     """Loss of all items at death (paper, section 3.1).
 
-    scatter = "disc": anywhere in a circle of `radius`, as the paper says. "rim": exactly on it, as in the paper's runs
-    (reference rules, section 6, point 5).
+    scatter = "disc": anywhere in a circle of `radius`, as in the paper's text. "rim": exactly on it, as in the paper's
+    runs (reference rules, section 6, point 5).
     """
 
     stream = "drop"

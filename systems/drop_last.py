@@ -15,7 +15,7 @@ from outlast.ecs import Entity, Module, Read, Rows, Singleton, WorldsView, Write
 class DropLast(Module):
     """The action `drop` (paper, section 3.1; the paper's runs do not have it).
 
-    The item lands ahead of the agent; if `offset` is less than the reach of pickup, it is back in the bag at once.
+    The item lands ahead of the agent; if `offset` is less than the reach of pickup, it returns to the bag at once.
     """
 
     offset: float = number(

@@ -28,7 +28,7 @@ LAST_ALIVE, NEVER = 1, 2  # indices into the choices of Ending.rule
 class Ending(Module):
     """Scores of sides, and the end of the episode (paper, section 3.5).
 
-    rule = "all dead": it ends when no side is alive. "last alive": when at most one side is. "never": only at its
+    rule = "all dead": it ends when all sides are dead. "last alive": when at most one side is. "never": only at its
     limit. limit: ticks until it is truncated if it has not ended by its rule; 0: never, as in the paper.
     """
 
@@ -48,16 +48,16 @@ class Ending(Module):
 
 
 def outliving_wins(layout: Layout) -> bool:
-    """Return whether the side that lives longest has won: not if episodes only end at their limit, whoever dies."""
+    """Return whether the side that lives longest has won: not if episodes only end at their limit."""
     return layout.numbers("ending").get("rule") != "never"
 
 
 @kernel
 def _known(side: int, score: Array) -> int:
-    """Return the side, if it exists: users' systems may set it, and it is used as an index here. Else IndexError."""
+    """Return the side, used as an index here, if it exists: users' systems may set it. Otherwise raise IndexError."""
     if not 0 <= side < score.alive.size:
         raise IndexError(
-            "a system has given an agent, or whoever hurt it, a side that there is not; -1 is of the absent"
+            "a system has set the side of an agent, or of its damage, to one that does not exist; -1: absent"
         )
     return side
 
@@ -89,7 +89,7 @@ def count(
 
 @Ending.system(Phase.END)
 def end(end: Write[End], score: Read[Score], clock: Read[Clock], rule: int, limit: int) -> None:
-    """Terminate by the rule, or else truncate at the limit."""
+    """Terminate by the rule, or truncate at the limit."""
     sides_alive = 0
     for s in range(score.alive.size):
         sides_alive += score.alive[s] > 0

@@ -72,7 +72,7 @@ class GiveLast(Module):
 
 @kernel
 def may_take(side: Array, sides: Array, index: Array, me: int, e: int) -> bool:
-    """Return whether body `e` is an agent to whom `me` may give. Rows of other kinds have no side, which reads as 0."""
+    """Return whether body `e` is an agent that may take an item from `me`. Rows of other kinds have side 0."""
     return bool(index[e] >= 0 and (sides.teams[0] == 0 or side.side[e] == side.side[me]))
 
 
@@ -92,8 +92,8 @@ def choose(
     nearest: int,
     passes_on: bool,
 ) -> None:
-    """Choose all receivers before anything changes hands."""
-    givers = 0  # that have an item: if there are none, there is nothing to pass on either
+    """Choose all receivers before any item is handed over."""
+    givers = 0  # agents with an item: without any, nothing can be passed on either
     for i in range(agents.size):
         me = agents[i]
         gift.taker[me] = -1

@@ -38,7 +38,7 @@ from .observation_rows import observe
 
 @dataclass(frozen=True)
 class Heals(Module):
-    """Heals lie around from the start, and do not come back once used (paper, section 3.2)."""
+    """Heals lie on the floor from the start, and are not replaced (paper, section 3.2)."""
 
     count: int = number(15, low=0, high=MANY, about="number of heals")
     radius: float = number(0.25, low=0.002, high=FAR, unit="metres", about="radius of a heal")

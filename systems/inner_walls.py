@@ -1,6 +1,6 @@
-"""The base of walls inside the room; Walls, Maze, Rooms, Pillars and generators of yours set up the blocks.
+"""The base of walls inside the room; Walls, Maze, Rooms, Pillars and your own generators set up the blocks.
 
-A generator extends InnerWalls: it says how many blocks there can be, and has a system `build` of phase SPAWN,
+A generator extends InnerWalls: it has the maximum number of blocks, and a system `build` of phase SPAWN,
 before=(Body, Shape, Entity), which sets up some of them by `place_block` (docs/levels.md).
 """
 
@@ -59,8 +59,8 @@ SPARE = 0.1  # metres by which a passage must be wider than the widest agent
 class InnerWalls(Module):
     """Base of mechanics that set up blocks; each has a system `build`, which does so at reset.
 
-    Bodies that would start inside something get a free place; a box that fits nowhere is halved until it does. A body
-    whose centre is pushed into a block, by a box that is set up next to it, say, stays on the side that it came from.
+    Bodies that would start inside another one get a free place; a box without a place is halved until it fits. A body
+    whose centre is pushed into a block, such as by a box that is set up next to it, stays on its side of the block.
     """
 
     def archetypes(self) -> Iterable[Archetype]:
@@ -70,16 +70,16 @@ class InnerWalls(Module):
         return [Before(), Unplaced(), StartAreas()]
 
     def dims(self) -> dict[str, int | str]:
-        return {"start areas": self.most_areas() + 1}  # and the room
+        return {"start areas": self.most_areas() + 1}  # with the room
 
     def most_areas(self) -> int:
-        """Return how many start areas `build` can write."""
+        """Return the maximum number of start areas that `build` writes."""
         return 0
 
     def most_blocks(self) -> int:
-        """Return how many blocks there can be, at least 1."""
+        """Return the maximum number of blocks, at least 1."""
         raise NotImplementedError(
-            "InnerWalls is no mechanic by itself: take Walls, Maze, Rooms or Pillars, or extend it"
+            "InnerWalls is not a mechanic by itself: take Walls, Maze, Rooms or Pillars, or extend it"
         )
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
@@ -91,7 +91,7 @@ class InnerWalls(Module):
         return np.zeros(dims["blocks"], np.int32)  # obstacles
 
     def whole(self, layout: Layout) -> tuple[float, float]:
-        """Return width and height of the room, metres. NumberError if there is no room."""
+        """Return width and height of the room, metres. NumberError without a room."""
         sides = room_sides(layout)
         if sides is None:
             raise NumberError(f"{self.name} needs a room to stand in; add Room")
@@ -107,14 +107,14 @@ class InnerWalls(Module):
         """Raise NumberError unless the widest agent fits through a passage.
 
         Args:
-            layout: What all modules of the scenario bring.
+            layout: The layout of all modules of the scenario.
             what: The passage, for the message.
-            wide: How wide the passage is, in metres.
+            wide: Width of the passage, metres.
             cure: What to change, for the message.
         """
         if wide < (needed := passage(layout)):
             raise NumberError(
-                f"{self.name}: {what} would be {wide:.3g} m wide, and agents need {needed:.3g} m "
+                f"{self.name}: {what} would be {wide:.3g} m wide, but agents need {needed:.3g} m "
                 f"(their diameter and {SPARE:g} m); take {cure}"
             )
 
@@ -146,7 +146,7 @@ def find_places(
     polygons: Read[Polygon] | None,
     key: Random,
 ) -> None:
-    """Give bodies that stand inside something, or outside their start areas, a free place. Agents come first."""
+    """Move bodies that stand inside another one, or outside their start areas, to a free place. Agents come first."""
     fill_floor(areas.area[areas.area.shape[0] - 1], floor)
     tables = (body, shape, entities, floor, half_extents, obstacles)
     measure(wall, walls, half_extents, body, shape)
@@ -156,7 +156,7 @@ def find_places(
 
 @InnerWalls.system(Phase.MOVE, before=Body)
 def remember(before: Write[Before], body: Read[Body], solid: Read[Solid], solids: Bitset[Solid]) -> None:
-    """Record where bodies are before they move."""
+    """Record the positions of bodies before they move."""
     for b in range(solids.size):
         pending = solids[b] & to_bits(load_flags(solid.dynamic, SIMD_WIDTH * b)) if solids[b] else 0
         while pending:
@@ -178,7 +178,7 @@ def keep_out(
     solids: Bitset[Solid],
     walls: Bitset[Wall],
 ) -> None:
-    """Keep a body that was pushed into or through a block on the side that it came from."""
+    """Keep a body that was pushed into or through a block on its side of the block."""
     span = block_span(walls)
     for b in range(solids.size):
         touching = load_flags(solid.dynamic, SIMD_WIDTH * b) & load_flags(solid.may_collide, SIMD_WIDTH * b)
@@ -202,7 +202,7 @@ def stop_blows(
     filters: Read[Filter] | None,
     polygons: Read[Polygon] | None,
 ) -> None:
-    """Let strikes that would go through a block hit the block."""
+    """Make strikes that would go through a block hit the block."""
     span = block_span(walls)
     for k in range(strikes.count[0]):
         me, target = strikes.agent[k], strikes.target[k]

@@ -94,7 +94,7 @@ def measure_distances(
 ) -> None:
     """Cast each ray from the centre of its agent against all other targets, at their places after the tick."""
     refresh(bodies)
-    for b in range(ends.size):  # walls are the solids that did not get a cell of the spawn grid
+    for b in range(ends.size):  # walls are the solids without a cell of the spawn grid
         members = bodies.living[b] if targets == BODIES else solids[b]
         ends[b] = (members & ~spawned[b] if targets == WALLS else members) & ~clear_bits(filters, b)
     for i in range(agents.size):

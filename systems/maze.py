@@ -15,7 +15,7 @@ from .inner_walls import InnerWalls
 class Maze(InnerWalls):
     """Cells that are all connected: a random spanning tree, with additional openings that make loops.
 
-    Every wall between two cells is a block, or is not there. Corridors have room for the widest agent.
+    Every wall between two cells is one block or open. Corridors are wide enough for the widest agent.
     """
 
     draws_level: ClassVar[bool] = True
@@ -32,7 +32,7 @@ class Maze(InnerWalls):
         return self.blocks or max(1, self.needed())
 
     def needed(self) -> int:
-        """Return how many blocks a maze without loops has."""
+        """Return the number of blocks of a maze without loops."""
         return (self.columns - 1) * (self.rows - 1)
 
     def check(self, layout: Layout) -> None:

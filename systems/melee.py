@@ -97,7 +97,7 @@ def aim(
     for i in range(agents.size):
         me = agents[i]
         weapon.target[me] = -1
-        if cooling(weapon, me):  # ticks pass for the dead, too, who may come back
+        if cooling(weapon, me):  # ticks also pass for dead agents, which may return
             weapon.cooldown[me] -= 1
         elif entities.alive[me] and attack.attack[i]:
             k = emit(strikes)

@@ -33,8 +33,8 @@ from .observation_rows import observe
 class Mortality(Module):
     """Agents whose health is 0 or less at the check despawn and count as dead (paper, section 3.1).
 
-    limit: the most hit points that an agent keeps after items have had their effect; 0: no maximum, as in the paper,
-    which names this as its first flaw (section 5): it costs nothing to use a heal as soon as it is found.
+    limit: the maximum hit points of an agent after items have had their effect; 0: no maximum, as in the paper, which
+    names this as its first flaw (section 5): using a heal as soon as it is found has no cost.
     """
 
     limit: int = number(
@@ -48,7 +48,7 @@ class Mortality(Module):
         return {"own": (Field("health", "hit points", scale=full_health, order=-1),)}  # behind id and team
 
     def bounds(self, layout: Layout) -> Mapping[str, Any]:
-        """Return bounds without a lower end: damage may exceed health, and is observed before deaths are."""
+        """Return bounds without a lower end: damage may exceed health, and is observed before deaths."""
         return {"own": {"health": (-math.inf, self.limit or math.inf)}}
 
     def check(self, layout: Layout) -> None:

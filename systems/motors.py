@@ -14,9 +14,9 @@ from outlast.ecs import Entity, Module, Read, Rows, Singleton, System, WorldsVie
 
 @dataclass(frozen=True)
 class Motors(Module):
-    """Dynamic control (paper, section 3.1 and appendix): what one tick of full thrust gives, and when.
+    """Dynamic control (paper, section 3.1 and appendix): the effect of one tick of full thrust.
 
-    give = "evenly": a force during the whole tick, as the paper says. "at once": an impulse before the tick, as in
+    give = "evenly": a force throughout the tick, as in the paper's text. "at once": an impulse before the tick, as in
     the paper's runs (reference rules, section 6, point 1).
     """
 
@@ -82,7 +82,7 @@ def push_all(
     turn: Any,
     give: int,
 ) -> None:
-    """Push living agents. share: the share of full thrust that an action of 1 stands for, float32."""
+    """Push living agents. share: the share of full thrust for an action of 1, float32."""
     for i in range(agents.size):
         e = agents[i]
         if not entities.alive[e]:
@@ -95,7 +95,7 @@ def push_all(
         if give == 0:
             push.x[e], push.y[e], push.turn[e] = x, y, around
         else:
-            push.x[e], push.y[e], push.turn[e] = 0, 0, 0  # left from ticks in which `give` was the other choice
+            push.x[e], push.y[e], push.turn[e] = 0, 0, 0  # left over from ticks with the other choice of `give`
             inverse_mass = inverse(solid.mass[e])
             body.vx[e] += inverse_mass * x
             body.vy[e] += inverse_mass * y

@@ -1,4 +1,4 @@
-"""Masked rows of observations, such as `heals` with `heals_mask`: written here for all mechanics that have some."""
+"""Masked rows of observations, such as `heals` with `heals_mask`: written here for all mechanics with such rows."""
 
 import linecache
 import math
@@ -32,8 +32,8 @@ from outlast.ecs.kernels.simd import trailing_zeros
 
 from .geometry.blocks import block_span, first_row
 
-FEW = 3  # if a kind has no more blocks than this, a branch for each is faster
-WORD = 64  # how many blocks are looked at together
+FEW = 3  # up to this many blocks of a kind, a branch for each is faster
+WORD = 64  # blocks that are tested together
 
 
 @kernel
@@ -56,8 +56,8 @@ def write_rows(
         members: Bitset of the entities.
         index: RowIndex of the entities: their index in `rows`.
         fill: Kernel (row, i, e, filled, tables) that writes all features of entity `e` to `row`, zeros if not `filled`.
-        tables: Tuple of what `fill` needs.
-        skip_self: Whether the entities are the observers themselves, so that each only has rows of the others.
+        tables: Tuple of the arguments of `fill`.
+        skip_self: Whether the entities are the observers themselves, so that each has rows of the others only.
     """
     first, last = block_span(members)
     for i in range(rows.shape[0]):
@@ -66,7 +66,7 @@ def write_rows(
                 write_block(rows, row_masks, masks, members, i, b, index, fill, tables, skip_self)
             continue
         for start in range(first, last, WORD):
-            some = 0  # which blocks have dirty rows, found without a branch, which would often be mispredicted
+            some = 0  # blocks with dirty rows, computed without a branch, which would often be mispredicted
             for b in range(start, min(start + WORD, last)):
                 some |= int(masks.dirty[i, b] & members[b] != 0) << (b - start)
             while some:
@@ -120,14 +120,14 @@ def rows(mechanic: type[Module], key: str, kind: type[Component], /, **values: A
 
         Crates = rows(Grabbing, "crates", Crate, x=Body.x, y=Body.y, held=Crate.held, mine=mine)
 
-    Agents observe the crates that they see, with a mask, as they observe heals and boxes. The mechanic returns Crates()
+    Agents observe visible crates, with a mask, like heals and boxes. The mechanic returns Crates()
     among its singletons, and the number of crates as the dimension "crates".
 
     Args:
         mechanic: The mechanic that has the system.
         key: The key of the observation; KEY_mask is that of its mask.
-        kind: A component that just these entities have.
-        **values: What the fields of a row hold, by name, as for `observe`.
+        kind: A component that only these entities have.
+        **values: Values of the fields of a row, by name, as for `observe`.
 
     Returns:
         The class of the observation.
@@ -137,7 +137,7 @@ def rows(mechanic: type[Module], key: str, kind: type[Component], /, **values: A
     name = f"{''.join(part.title() for part in key.split('_'))}View"
     place = {"__module__": mechanic.__module__, "__qualname__": f"{mechanic.__qualname__}.{name}", "__doc__": "Rows."}
     view: type[Observation] = type(name, (Observation,), own | place)
-    setattr(mechanic, name, view)  # where compiled code finds it again
+    setattr(mechanic, name, view)  # where compiled code finds it
     observe(mechanic, view, key, kind, **values)
     return view
 
@@ -163,17 +163,17 @@ def observe(mechanic: type[Module], view: type[Observation], key: str, kind: typ
 
         observe(Heals, HealView, "heals", Heal, x=Body.x, y=Body.y)
 
-    Shape (agents, n): row k is that of entity k of the kind, zeros if it is not to be seen. Shape (agents, 1): the row
+    Shape (agents, n): row k is that of entity k of the kind, zeros if it is hidden. Shape (agents, 1): the row
     is that of the last item of the agent's bag, zeros if it is not of the kind. Shape (agents,): the row is that of the
-    agent itself. Where there is a KEY_mask, it is written, too.
+    agent itself. A KEY_mask, if any, is written, too.
 
     Args:
         mechanic: The mechanic that has the system.
         view: The observation.
         key: Its key.
-        kind: A component that just the entities of its rows have; Side for rows of the agents themselves.
-        **values: What the fields hold, by name: a column, which reads 0 in the own row of a dead agent, or a column of
-            a singleton; or for all else a function (i, e, ...) of the agent's number and the row of the entity, whose
+        kind: A component that only the entities of its rows have; Side for rows of the agents themselves.
+        **values: Values of the fields, by name: a column, which reads 0 in the own row of a dead agent, or a column of
+            a singleton; or otherwise a function (i, e, ...) of the agent's number and the row of the entity, whose
             other parameters are annotated like those of systems. One whose third parameter is `into` returns nothing,
             but writes a field of several columns there: zeros where `e` is -1.
     """
@@ -181,7 +181,7 @@ def observe(mechanic: type[Module], view: type[Observation], key: str, kind: typ
 
 
 def _fields(values: Mapping[str, Any]) -> tuple[Field, ...]:
-    """Return a field for each value: with the unit and the range of a column, if it is one."""
+    """Return a field for each value: with the unit and the range of a column."""
     return tuple(Field(name, **_described(value)) for name, value in values.items())
 
 
@@ -202,7 +202,7 @@ def _register(
     values: Mapping[str, Any],
     name: str,
 ) -> None:
-    """Write a system that writes the values, and register it."""
+    """Generate a system that writes the values, and register it."""
     known: dict[str, Any] = {"Write": Write, "Read": Read, "Rows": Rows, "Bitset": Bitset, "RowIndex": RowIndex}
     known |= {"Offset": Offset, "View": view, "Kind": kind, "Side": Side, "Bag": Bag, "Entity": Entity, "held": held}
     known |= {"Masks": ObservationMasks, "write_rows": write_rows, "kernel": kernel, "__name__": mechanic.__module__}
@@ -240,7 +240,7 @@ def _register(
     source += _function(name, ", ".join(f"{each}: {hint}" for each, hint in {**given, **needed}.items()), body)
     file = f"<{mechanic.__module__}.{mechanic.__qualname__}.{name}>"
     linecache.cache[file] = len(source), None, source.splitlines(keepends=True), file
-    exec(compile(source, file, "exec"), known)  # the source is ours, of names that are identifiers
+    exec(compile(source, file, "exec"), known)  # the source is generated here, from names that are identifiers
     mechanic.system(Phase.OBSERVE)(known[name])
 
 

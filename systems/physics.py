@@ -1,7 +1,7 @@
-"""Physics: Box2D moves what may touch something in this tick; everything else is integrated by the same formulas.
+"""Physics: Box2D moves bodies that may touch others in this tick; all others are integrated by the same formulas.
 
-In most ticks, most bodies touch nothing. A broad phase marks those that may (`broad_phase`). Only they are handed to
-Box2D (`collide`), as a contact batch that is built, stepped and discarded, so that the outcome is a function of the
+In most ticks, most bodies touch nothing. A broad phase marks those that may (`broad_phase`). Only they are passed to
+Box2D (`collide`), as a contact batch that is built, stepped and discarded, so that the result is a function of the
 tables alone. The others move by Box2D's own arithmetic (`fly`), bit for bit.
 """
 
@@ -80,13 +80,13 @@ from .geometry.bodies import Bodies, all_aabbs, refresh
 from .geometry.bounds import clamp, count_kinds
 from .geometry.broad_phase import gap, outer_radius, travel
 
-MARGIN = np.float32(0.02)  # metres: bodies this near may touch; Box2D's skins and slops are below 0.02 together
+MARGIN = np.float32(0.02)  # metres: bodies this near may touch; the sum of Box2D's skins and slops is below 0.02
 MOST = np.float32(0.5 * math.pi)  # radians a substep: b2_maxRotation
 ONE, ZERO, HALF = np.float32(1), np.float32(0), np.float32(0.5)
 PI, THIRD = np.float32(math.pi), np.float32(1 / 3)
 TWELFTH = np.float32(0.25) * THIRD
-USUAL = np.float32(1e4)  # metres, radians, and both a second: what bodies hardly ever exceed, see `contain`
-EDGE = np.float32(1e5)  # metres from the middle, where the plane ends: float32 tells apart places of 8 mm there
+USUAL = np.float32(1e4)  # metres, radians, and both a second: seldom exceeded by bodies, see `contain`
+EDGE = np.float32(1e5)  # metres from the middle, the end of the plane: float32 separates positions of 8 mm there
 TURNS = 2 * math.pi
 
 
@@ -94,11 +94,11 @@ TURNS = 2 * math.pi
 class Physics(Module):
     """Rigid-body motion and contacts (reference rules, section 1).
 
-    backend: how Box2D is called. "native": its machine code, from inside the tick; "portable": its Python interface,
+    backend: the interface to Box2D. "native": its machine code, from inside the tick; "portable": its Python interface,
     which is slower but gives the same results; "auto": native if the installed Box2D allows it.
     """
 
-    # More substeps and iterations than these would go on for very long, and could not be stopped.
+    # More substeps and iterations than these would take very long, and could not be stopped.
     rate: float = number(
         60.0, low=1, high=10_000, unit="substeps per second", about="how often bodies are moved and collide"
     )
@@ -127,7 +127,7 @@ class Physics(Module):
         return [Fault()]
 
     def native(self) -> bool:
-        """Return whether the native backend is used; IncompatibleBox2D if it is requested but not possible."""
+        """Return whether the native backend is used; IncompatibleBox2D if it is requested but impossible."""
         if self.backend == "native":
             native.verify()
             if not compiled():
@@ -145,7 +145,7 @@ class Physics(Module):
             )
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
-        if name == "reach":  # metres from its centre: what a body may touch in this tick
+        if name == "reach":  # metres from its centre: the reach of a body in this tick
             return np.zeros(dims["rows"], np.float32)
         backend = native if self.native() else portable
         return backend.listen(backend.make_workspace()) if "touches" in dims else backend.make_workspace()
@@ -214,8 +214,8 @@ def broad_phase(
     rate: float,
     substeps: int,
 ) -> None:
-    """Mark the bodies that may touch something before the tick ends, and how far each may travel on its own."""
-    last = 0  # the block behind the last one that has dynamic bodies
+    """Mark the bodies that may touch something before the tick ends, and compute how far each may travel by itself."""
+    last = 0  # the block after the last one with dynamic bodies
     for e in range(solid.may_collide.size):
         solid.may_collide[e], solid.max_travel[e] = 0, ZERO
     for b in range(solids.size):
@@ -258,7 +258,7 @@ def mark_pair(solid: Array, body: Array, shape: Array, e: int, o: int) -> None:
 
 @kernel
 def sweep(body: Array, push: Array, solid: Array, shape: Array, e: int, substeps: int, time: Real) -> Real:
-    """Return how far any point of body `e`, which turns as it moves, gets in a tick, metres."""
+    """Return the maximum distance of any point of body `e` in a tick, including its turn, metres."""
     turning = abs(body.omega[e]) * time * outer_radius(shape, e)
     return min(travel(body, push, solid, e, time), LONGEST * substeps) + np.float32(turning) + MARGIN
 
@@ -280,7 +280,7 @@ def box2d_settings(
     angular_damping: float,
     continuous: bool,
 ) -> Settings:
-    """Return the numbers of Physics as Box2D takes them."""
+    """Return the numbers of Physics for Box2D."""
     return Settings(
         ONE / rate,
         substeps,
@@ -295,13 +295,13 @@ def box2d_settings(
 
 
 class Differences(NamedTuple):
-    """Properties of bodies for Box2D; None in place of what a scenario lacks."""
+    """Properties of bodies for Box2D; None for components that a scenario lacks."""
 
-    filters: Any  # the table, and by row which ones are in it, as the next two
+    filters: Any  # the table, and by row whether it has the component, like the next two
     filtered: Any
     materials: Any
     made: Any
-    driven: Any  # by row, which ones are driven
+    driven: Any  # by row, whether it is driven
     polygons: Any  # the table
 
 
@@ -313,7 +313,7 @@ def tell_apart(
     driven: RowIndex[Driven] | None,
     polygons: Read[Polygon] | None,
 ) -> Differences:
-    """Return what tells bodies apart."""
+    """Return the properties in which bodies differ."""
     return Differences(filters, filtered, materials, made, driven, polygons)
 
 
@@ -329,7 +329,7 @@ class Batch(NamedTuple):
 
 
 def make_batch(dims: Mapping[str, int]) -> Batch:
-    """Make the memory of a contact batch."""
+    """Return the memory of a contact batch."""
     rows = dims["rows"]
     return Batch(
         np.zeros((rows, COLUMNS), np.float32),
@@ -377,9 +377,9 @@ def solve_marked(
     batch: Batch,
     settings: Settings,
 ) -> None:
-    """Hand the marked bodies to Box2D; if one would be pushed into an unmarked one, hand over everything.
+    """Pass the marked bodies to Box2D; if one would be pushed into an unmarked one, pass all bodies.
 
-    The parameters are those of `collide`, which calls it only where a body is marked.
+    The parameters are those of `collide`, which calls it only if a body is marked.
     """
     result = SOLVED
     for everything in (False, True):
@@ -388,7 +388,7 @@ def solve_marked(
                 solid.may_collide[e] = entities.alive[e]
         count = gather(batch.rows, bodies, push, solid, entities, solids, driven, settings.substeps)
         if everything:
-            batch.rows[:count, MAX_TRAVEL] = np.inf  # no body is outside of the batch
+            batch.rows[:count, MAX_TRAVEL] = np.inf  # all bodies are in the batch
         outlines = gather_outlines(batch.outlines, polygons, solid, entities, solids)
         if filters is None and materials is None and welds is None and ropes is None and touching is None:
             result = solve(workspace, settings, batch.rows, count, None, None, 0, None, outlines)
@@ -434,7 +434,7 @@ def collider(solve: Any) -> Any:
         batch: Annotated[Batch, Service(memory=make_batch)],
         settings: Annotated[Settings, Service(box2d_settings)],
     ) -> None:
-        """Hand the marked bodies to Box2D, with those that are joined to each other."""
+        """Pass the marked bodies to Box2D, with those that are joined to each other."""
         mark_joined(welds, solid, entities, solids, welders)
         mark_joined(ropes, solid, entities, solids, tied)
         if some_marked(solid, entities, solids):
@@ -526,7 +526,7 @@ def kept(dt: Real, damping: Real) -> Real:
 
 @kernel
 def finish(body: Array, fault: Array, e: int) -> None:
-    """Keep a body that has moved where physics can take it, and set its heading."""
+    """Keep a body that has moved within the range of physics, and set its heading."""
     place, speed = abs(body.x[e]) + abs(body.y[e]), abs(body.vx[e]) + abs(body.vy[e])
     if not place + speed + abs(body.angle[e]) + abs(body.omega[e]) < USUAL:
         fault.physics[0] |= not contain(body, e)
@@ -572,9 +572,9 @@ def slowed(vx: Real, vy: Real, omega: Real, dt: Real) -> tuple[Real, Real, Real]
 
 @noinline_kernel
 def contain(body: Array, e: int) -> bool:
-    """Keep a body on the plane, and take whole turns off a large angle, of which float32 would lose the fraction.
+    """Keep a body on the plane, and subtract full turns from a large angle, whose fraction float32 would lose.
 
-    Return False for a body that physics cannot take: NaN, or larger than LIMITS.
+    Return False for an invalid body: NaN, or larger than LIMITS.
     """
     held = abs(body.x[e]) <= LIMITS[X] and abs(body.y[e]) <= LIMITS[X] and abs(body.angle[e]) <= LIMITS[ANGLE]
     held = held and abs(body.vx[e]) <= LIMITS[VX] and abs(body.vy[e]) <= LIMITS[VX]

@@ -33,7 +33,7 @@ from .geometry.blocks import alive_bits, first_row
 class Pickup(Module):
     """Pickup of every item in reach, as long as the bag has room (paper, section 3.2).
 
-    touch: whether it is enough that the item's disc touches the circle of reach, as the paper says; otherwise its
+    touch: whether the item's disc only has to touch the circle of reach, as in the paper's text; otherwise its
     centre must lie inside, as in the paper's runs (reference rules, section 6, point 3).
     """
 
@@ -70,7 +70,7 @@ def pick_up(
     reach: float,
     touch: bool,
 ) -> None:
-    """Pick up items, in order of agents, then of items; those that do not fit stay where they are."""
+    """Pick up items, in order of agents, then of items; items that do not fit stay on the ground."""
     if not find_near(near, body, shape, entities, agents, items, reach, touch):
         return
     for i in range(agents.size):
@@ -90,7 +90,7 @@ def pick_up(
 def find_near(
     near: Array, body: Array, shape: Array, entities: Array, agents: Array, items: Array, reach: Any, touch: bool
 ) -> bool:
-    """Find out which agents have an item in reach, and return whether one has, which is seldom so.
+    """Mark the agents with an item in reach, and return whether there are any, which is rare.
 
     Each block of items is loaded once, and tested against all agents.
     """
@@ -111,7 +111,7 @@ def find_near(
 
 @kernel
 def load_discs(body: Array, shape: Array, b: int, touch: bool) -> Any:
-    """Return places and radii of block `b`, three vectors; radii are 0 where the centre counts, not the touch."""
+    """Return places and radii of block `b`, three vectors; radii are 0 if the centre counts, not the touch."""
     row = SIMD_WIDTH * b
     return load(body.x, row), load(body.y, row), load(shape.radius, row) * np.float32(touch)
 

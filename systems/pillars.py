@@ -30,9 +30,9 @@ from .geometry.mazes import place_block
 from .geometry.points import gap_circle_box
 from .inner_walls import InnerWalls
 
-TRIES = 256  # the most places that are drawn for a pillar
-MOST, FIRST = 512, 1024  # the first index for draws of angles, and for draws of places
-FILLED = 0.3  # share of the floor that pillars and the passages around them may take: then there is a place for each
+TRIES = 256  # maximum places drawn for a pillar
+MOST, FIRST = 512, 1024  # first index for draws of angles, and of places
+FILLED = 0.3  # maximum share of the floor for pillars and the passages around them, which leaves a place for each
 HALF, ZERO = np.float32(0.5), np.float32(0)
 ROOT, QUARTER = np.float32(math.sqrt(2)), np.float32(math.pi / 2)
 
@@ -41,7 +41,7 @@ ROOT, QUARTER = np.float32(math.sqrt(2)), np.float32(math.pi / 2)
 class Pillars(InnerWalls):
     """Squares of random size, place and angle, with gaps for agents between them and to the walls.
 
-    A pillar is left out if none of 256 drawn places is free, which is next to impossible with what `check` allows.
+    A pillar is left out if none of 256 drawn places is free, which is almost impossible within the limits of `check`.
     """
 
     draws_level: ClassVar[bool] = True

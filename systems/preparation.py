@@ -26,7 +26,7 @@ from .observation_rows import observe
 
 
 def usual_ticks(layout: Layout) -> float:
-    """Return how long preparation takes: the scale of the ticks that are left."""
+    """Return the length of the preparation: the scale of the remaining ticks."""
     return layout.numbers("preparation").get("ticks") or 1.0
 
 
@@ -35,7 +35,7 @@ class Preparation(Module):
     """Agents of some sides wait for `ticks` ticks, like seekers while others hide.
 
     frozen: they have no motors and do not attack, but others can push and hurt them. blind: they see nothing, as if
-    their cameras and lidar were off. Each agent observes how many ticks it still has to wait, in the field
+    their cameras and lidar were off. Each agent observes its remaining ticks of waiting, in the field
     "preparation" of its row.
     """
 
@@ -62,22 +62,22 @@ class Preparation(Module):
                 "or leave it out"
             )
         if len({*self.sides}) < len(self.sides):
-            raise NumberError(f"preparation.sides = {self.sides}: a side stands twice; take it once")
+            raise NumberError(f"preparation.sides = {self.sides}: a side occurs twice; give it once")
         known = layout.dims.get("sides", 0)
         for side in self.sides:
             if side != int(side) or side >= known:
-                raise NumberError(f"preparation.sides: there is no side {side:g}; take some of 0 to {known - 1}")
+                raise NumberError(f"preparation.sides: side {side:g} does not exist; take sides from 0 to {known - 1}")
         mode = layout.numbers("cameras").get("mode", "omniscient")
         if self.blind and mode == "omniscient":
             raise NumberError(
-                "preparation.blind: agents see everything, as there are no cameras or cameras_mode is omniscient; add "
+                "preparation.blind: agents see everything, as cameras are missing or cameras_mode is omniscient; add "
                 "Cameras, or set preparation_blind=False"
             )
 
 
 @kernel
 def left(side: Array, sides: Array, ticks: int, tick: int, e: int) -> int:
-    """Return how many ticks agent `e` still waits."""
+    """Return the remaining ticks of waiting of agent `e`."""
     waits = len(sides) == 0
     for s in sides:
         waits = waits or s == side.side[e]
@@ -137,7 +137,7 @@ def measure_nothing(
 
 @kernel
 def waits(i: int, e: int, side: Read[Side], clock: Read[Clock], sides: tuple[float, ...], ticks: int) -> int:
-    """Return how long an agent still waits, dead or alive."""
+    """Return the remaining ticks of waiting of an agent, dead or alive."""
     return left(side, sides, of(ticks, e), int(clock.tick[0]), e)
 
 

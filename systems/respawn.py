@@ -1,4 +1,4 @@
-"""Respawn: agents that died come back at a free place."""
+"""Respawn: agents that died return at a free place."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -31,18 +31,17 @@ from outlast.ecs.kernels.random import uniform2
 
 from .geometry.broad_phase import gap
 
-TRIES = 32  # the most places that are tried for an agent in a tick
+TRIES = 32  # maximum places tried for an agent in a tick
 INDEX = 0xFFFFFFFF  # the part of an identity that numbers the entities of a kind
 HALF, ZERO = np.float32(0.5), np.float32(0)
 
 
 @dataclass(frozen=True)
 class Respawn(Module):
-    """Agents come back `ticks` ticks after their death: at rest, with the hit points that they began with.
+    """Agents return `ticks` ticks after their death: at rest, with their initial hit points.
 
-    Their place is drawn uniformly among those where they touch nothing. If none of 32 draws is free, they wait another
-    tick. Items that they dropped are not returned. As nobody is dead for good, episodes end at their limit:
-    ending_rule = "never".
+    Their place is drawn uniformly among free places. If none of 32 draws is free, they wait another tick. Items that
+    they dropped are not returned. Since deaths are not final, episodes end at their limit: ending_rule = "never".
     """
 
     ticks: int = number(100, low=1, high=TICKS, per_agent=True, unit="ticks", about="time from death to return")
@@ -56,7 +55,7 @@ class Respawn(Module):
     def check(self, layout: Layout) -> None:
         if layout.numbers("ending").get("rule", "never") != "never":
             raise NumberError(
-                "respawn: agents come back, so an episode is not over when all of a side are dead: say "
+                "respawn: agents return, so the death of a side does not end an episode: take "
                 'replace(ending_rule="never", ending_limit=1000), or another number of ticks'
             )
 
@@ -70,7 +69,7 @@ def keep_health(back: Write[Return], health: Read[Health], agents: Rows[Return])
 
 @kernel
 def is_free(body: Array, shape: Array, entities: Array, solids: Array, e: int) -> bool:
-    """Return whether `e` would touch nothing where it is."""
+    """Return whether `e` touches nothing at its place."""
     for o in solids:
         if o != e and entities.alive[o] and gap(body, shape, e, o) <= ZERO:
             return False
@@ -93,7 +92,7 @@ def come_back(
     solids: Rows[Solid],
     key: Random,
 ) -> None:
-    """Bring back the agents whose time has come, in order of agents."""
+    """Bring back the agents whose tick of return has come, in order of agents."""
     for e in agents:
         if back.tick[e] < 0 or back.tick[e] > np.int64(clock.tick[0]) or not exists(entities, e):
             continue
@@ -121,7 +120,7 @@ def revive(body: Array, health: Array, died: Array, e: int) -> None:
 
 @Respawn.system(Phase.DIE, after=Died)
 def wait(back: Write[Return], died: Read[Died], clock: Read[Clock], agents: Rows[Return], ticks: int) -> None:
-    """Set when the agents that died in this tick come back."""
+    """Set the tick of return of agents that died in this tick."""
     for e in agents:
         if died.now[e]:
             back.tick[e] = np.int64(clock.tick[0]) + of(ticks, e)

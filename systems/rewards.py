@@ -20,10 +20,9 @@ class Rewards(Module):
     posthumous: whether a side that is dead after the tick is still paid for its kills in it; in the paper's
     free-for-all runs it was not (reference rules, section 5).
 
-    Two numbers address what the paper names as flaws 2 and 3 (section 5). basis: what `alive` and `dead` are paid
-    for. "side": a side is alive while one of its members is, as in the paper. "members": the mean over its members,
-    so that a dead member costs something. outlive: paid to a living side for each other side that dies out, whatever
-    the cause.
+    Two numbers address the flaws 2 and 3 of the paper (section 5). basis: the basis of `alive` and `dead`. "side": a
+    side is alive while one of its members is, as in the paper. "members": the mean over its members, so that a dead
+    member has a cost. outlive: paid to a living side for each other side that dies out, for any cause.
     """
 
     alive: float = number(
@@ -62,7 +61,7 @@ class Rewards(Module):
 
 @kernel
 def members(side: Any, agents: Any, s: int) -> int:
-    """Return how many agents side `s` has, dead or alive."""
+    """Return the number of agents of side `s`, dead or alive."""
     count = 0
     for e in agents:
         count += side.side[e] == s
@@ -83,7 +82,7 @@ def pay(
     basis: int,
     outlive: float,
 ) -> None:
-    """Pay every member what its side gets."""
+    """Pay every member the reward of its side."""
     gone = 0
     for s in range(score.alive.size):
         gone += score.deaths[s] > 0 and score.alive[s] == 0

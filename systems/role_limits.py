@@ -1,4 +1,4 @@
-"""Limits of roles: what a role is `without`, actions and observations, is nothing for the agents that have it."""
+"""Limits of roles: actions and observations that a role is `without` are disabled for its agents."""
 
 import functools
 from collections.abc import Iterable, Sequence
@@ -22,15 +22,15 @@ from outlast.ecs import (
 )
 from outlast.ecs.kernels.errors import did_you_mean
 
-OWN = "own"  # the key whose rows others observe, too
+OWN = "own"  # key of the rows that others also observe
 Limit = tuple[type[Singleton], int, int]  # the component, the index of its column, and a bitset of roles without it
 
 
 def limits(modules: Sequence[Module], roles: Roles | None) -> tuple[Module, ...]:
-    """Return the mechanic that takes from roles what they are without; () if they have everything.
+    """Return the mechanic that disables the missing parts of roles; () if they have everything.
 
     Raises:
-        NumberError: A role is without something that there is not, or without its own row.
+        NumberError: A role is without an unknown key, or without its own row.
     """
     wanted = {name for each in roles.roles for name in each.without} if roles else set()
     if not wanted or roles is None:
@@ -41,8 +41,8 @@ def limits(modules: Sequence[Module], roles: Roles | None) -> tuple[Module, ...]
     for number, each in enumerate(roles.roles):
         for name in each.without:
             if name not in known:
-                hint = did_you_mean(name, known) or f"there are: {', '.join(sorted(known))}"
-                why = "others see it, too" if name == OWN else f"no action and no observation is called so; {hint}"
+                hint = did_you_mean(name, known) or f"known: {', '.join(sorted(known))}"
+                why = "others see it, too" if name == OWN else f"unknown action or observation; {hint}"
                 raise NumberError(f"role {each.name} is without {name!r}: {why}")
             for key, component, k in published:
                 if key in (name, f"{name}_mask"):
@@ -51,7 +51,7 @@ def limits(modules: Sequence[Module], roles: Roles | None) -> tuple[Module, ...]
 
 
 def without(roles: Roles, key: str) -> list[bool]:
-    """Return which roles are without an action."""
+    """Return whether each role is without an action."""
     return [key in each.without for each in roles.roles]
 
 
@@ -66,11 +66,11 @@ def _published(modules: Iterable[Module]) -> Iterable[tuple[str, type[Singleton]
 
 @functools.lru_cache(maxsize=64)
 def _limiter(found: tuple[Limit, ...]) -> Module:
-    """Return a mechanic with a system for each column that some role is without."""
+    """Return a mechanic with a system for each column that a role is without."""
     keys = [[*part.columns.values()][k].key or [*part.columns][k] for part, k, _ in found if issubclass(part, Action)]
 
     def idle_actions(_: Module, worlds: WorldsView) -> dict[str, Any]:
-        """Let the mechanics that act on them say alone who is idle."""
+        """Return {}: only the mechanics that use the actions mark idle agents."""
         return dict.fromkeys(keys, np.ones((worlds.count, worlds.layout.dims["agents"]), bool))
 
     own = {"__module__": __name__, "__doc__": "Takes from roles what they lack.", "idle_actions": idle_actions}
@@ -80,7 +80,7 @@ def _limiter(found: tuple[Limit, ...]) -> Module:
         system = _stop(component, k, bits) if issubclass(component, Action) else _hide(component, k, bits)
         system.__name__ = system.__qualname__ = f"limit_{[*component.columns][k]}"
         earlier = tuple(label for other, label in order if other is component)
-        # actions before anybody reads them; observations when all have been written, and before they are returned
+        # actions before they are read; observations after all have been written, and before they are returned
         kind.system(Phase.RESPAWN if issubclass(component, Action) else Phase.REWARD, after=earlier)(system)
         order.append((component, f"role_limits.{system.__name__}"))
     made: Module = kind()

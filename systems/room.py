@@ -52,7 +52,7 @@ class Room(Module):
                 raise NumberError(f"room.{name} = {side:g}: at least 1 m is needed, or 0 for room.size")
         if self.width and self.height and self.size != type(self).size:
             raise NumberError(
-                f"room.size = {self.size:g} means nothing beside room.width and room.height; leave it at "
+                f"room.size = {self.size:g} has no effect beside room.width and room.height; leave it at "
                 f"{type(self).size:g}, or set one of them to 0"
             )
 
@@ -78,13 +78,13 @@ class Room(Module):
         return self.width or self.size, self.height or self.size
 
     def is_square(self) -> bool:
-        """Return whether a single number gives its size."""
+        """Return whether a single number is its size."""
         return self.width == self.height == 0
 
 
 @Room.system(Phase.SPAWN)
 def compute_bounds(shape: Write[Shape], bodies: Rows[Shape]) -> None:
-    """Compute the radius of the circle around each body, which decides how close to walls it may stand."""
+    """Compute the radius of the circle around each body, which decides its distance to walls."""
     for e in bodies:
         shape.bound[e] = outer_radius(shape, e)
 
@@ -99,7 +99,7 @@ def keep_inside(
     solids: Bitset[Solid],
     thickness: float,
 ) -> None:
-    """Put bodies that were pushed through a wall, by a box that overlaps it, say, back, without the speed that way."""
+    """Put back bodies that were pushed through a wall, as by an overlapping box, without speed in that direction."""
     middle_x, middle_y = HALF * floor.size[0], HALF * floor.size[floor.size.size - 1]
     inside_x, inside_y = middle_x * (ONE - thickness), middle_y * (ONE - thickness)
     for b in range(solids.size):

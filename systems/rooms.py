@@ -34,7 +34,7 @@ class Rooms(InnerWalls):
         return self.blocks or max(1, self.needed())
 
     def needed(self) -> int:
-        """Return how many blocks there are if every wall has a door."""
+        """Return the number of blocks if every wall has a door."""
         return 2 * ((self.columns - 1) * self.rows + self.columns * (self.rows - 1))
 
     def check(self, layout: Layout) -> None:
@@ -50,7 +50,7 @@ class Rooms(InnerWalls):
             thick = max(self.thickness, side - inner) / 2
             if stays < thick:
                 raise NumberError(
-                    f"rooms.door = {self.door:g}: a wall of a room is {side / count:.3g} m long, and beside the door "
+                    f"rooms.door = {self.door:g}: a wall of a room is {side / count:.3g} m long, but beside the door "
                     f"{max(0, 8 * thick):.3g} m must stay; take fewer rooms.{what}, a smaller door or less "
                     "rooms.thickness"
                 )
@@ -71,7 +71,7 @@ def build(
     thickness: float,
     key: Random,
 ) -> None:
-    """Draw which walls have doors and where, and set up the remaining parts of the walls."""
+    """Draw the doors and their positions, and set up the remaining parts of the walls."""
     open_edges(memory, columns, rows, doors, key)
     sides = (floor.size[0], floor.size[floor.size.size - 1])
     place_edges((body, shape, entities), walls, memory, columns, rows, sides, thickness, door, key)

@@ -1,4 +1,4 @@
-"""The safe zone: a circle that stands still, then shrinks and moves; agents outside it are damaged."""
+"""The safe zone: a circle that rests, then shrinks and moves; agents outside it are damaged."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -88,7 +88,7 @@ class SafeZone(Module):
 
 
 def _shown(radii: tuple[float, ...], size: float) -> str:
-    """Return these radii, scaled to a room whose shorter side is `size`, as they are typed."""
+    """Return these radii, scaled to a room whose shorter side is `size`, as text to type."""
     return ",".join(f"{radius * size / 2 / max(radii):.3g}" for radius in radii)
 
 
@@ -105,7 +105,7 @@ def draw(zone: Write[Zone], floor: Read[Floor], radii: tuple[float, ...], centre
 
 @kernel
 def zone_at(zone: Array, radii: Array, tick: int, stand: int, shrink: int) -> None:
-    """Compute where the zone is after `tick` ticks: a function of time alone."""
+    """Compute the zone after `tick` ticks: a function of time alone."""
     cycle = stand + shrink
     phase = min(tick // cycle, len(radii))
     zone.x[0], zone.y[0] = zone.centres[phase, 0], zone.centres[phase, 1]
@@ -141,7 +141,7 @@ def apply_damage(
     damage: int,
     damage_type: DamageType,
 ) -> None:
-    """Damage agents whose centre is beyond the rim. It kills at the next check, unless a heal comes before that."""
+    """Damage agents whose centre is beyond the rim. It kills at the next check, unless a heal is used before that."""
     for e in agents:
         if entities.alive[e] and outside(zone, body, e):
             hurt(health, guard, hits, e, of(damage, e), damage_type, -1, clock.tick[0])
@@ -149,7 +149,7 @@ def apply_damage(
 
 @SafeZone.system(Phase.ZONE, after="safe_zone.apply_damage")
 def move(zone: Write[Zone], clock: Read[Clock], radii: tuple[float, ...], stand: int, shrink: int) -> None:
-    """Move the zone to where it is after this tick."""
+    """Move the zone to its place after this tick."""
     zone_at(zone, radii, int(clock.tick[0]), stand, shrink)
 
 

@@ -9,18 +9,18 @@ from outlast.ecs.kernels.random import integer
 
 from .geometry.bounds import count_kinds
 
-SIDE = 256  # the most cells on a side: their square is limits.MANY
+SIDE = 256  # maximum cells on a side: their square is limits.MANY
 
 
 class Cells(Singleton):
-    """The cells in the order in which they are taken; drawn at reset."""
+    """The cells in the order of their use; drawn at reset."""
 
     cells: Array = column("i4", "cells")
 
 
 @dataclass(frozen=True)
 class SpawnGrid(Module):
-    """A grid of cells with at most one body in each, whatever its kind (reference rules, section 1)."""
+    """A grid of cells with at most one body in each, of any kind (reference rules, section 1)."""
 
     stream = "spawn"
 

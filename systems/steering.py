@@ -62,7 +62,7 @@ def steer(
 
 @kernel
 def move_all(action: Any, share: Any, body: Any, entities: Any, agents: Any, speed: Any, spin: Any) -> None:
-    """Set the velocity of living agents. share: the share of the maximum that an action of 1 stands for, float32."""
+    """Set the velocity of living agents. share: the share of the maximum for an action of 1, float32."""
     for i in range(agents.size):
         e = agents[i]
         if entities.alive[e]:

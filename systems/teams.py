@@ -19,9 +19,9 @@ from .observation_rows import observe
 class Teams(Module):
     """Agents are split into `count` teams by id, as evenly as possible (paper, section 3.1 and appendix).
 
-    Members cannot hurt each other, give only to each other, and share their rewards. sizes: how many agents each team
-    has, if not an even share, as in Teams(sizes=(1, 3)): the first agents are those of the first team. In a world with
-    fewer agents (Scenario.vary), the last teams lack members.
+    Members cannot hurt each other, give only to each other, and share their rewards. sizes: the sizes of teams,
+    if not an even share, as in Teams(sizes=(1, 3)): the first agents are those of the first team. In a world with fewer
+    agents (Scenario.vary), the last teams lack members.
     """
 
     count: int = number(2, low=1, high=MANY, about="number of teams")
@@ -32,7 +32,7 @@ class Teams(Module):
     def __post_init__(self) -> None:
         super().__post_init__()
         if broken := [size for size in self.sizes if size != int(size)]:
-            raise NumberError(f"teams.sizes = {self.sizes}: {broken[0]} is no number of agents; take whole numbers")
+            raise NumberError(f"teams.sizes = {self.sizes}: {broken[0]} is not a number of agents; take integers")
         if self.sizes and self.count != len(self.sizes):
             raise NumberError(
                 f"teams.sizes = {tuple(map(int, self.sizes))} are {len(self.sizes)} teams, but teams.count is "
@@ -67,8 +67,8 @@ class Teams(Module):
             raise NumberError(f"teams.count = {self.count} teams, but there are only {agents} agents")
         if self.sizes and needed != agents and not layout.fewer:
             raise NumberError(
-                f"teams.sizes = {tuple(map(int, self.sizes))} are {needed} agents, but n_agents is {agents}: say "
-                f"replace(n_agents={needed}), or other sizes"
+                f"teams.sizes = {tuple(map(int, self.sizes))} are {needed} agents, but n_agents is {agents}: take "
+                f"replace(n_agents={needed}) or other sizes"
             )
 
 

@@ -16,17 +16,17 @@ from .geometry.plans import are_free, lattice, overlap, reach
 from .inner_walls import InnerWalls, passage
 
 HALF = np.float32(0.5)
-THINNEST = 0.004  # metres: Box2D takes half sides of more than a millimetre
-ROUNDING = 0.01  # metres by which rectangles may reach beyond the room
+THINNEST = 0.004  # metres: Box2D requires half sides of more than a millimetre
+ROUNDING = 0.01  # maximum metres of rectangles beyond the room
 
 
 @dataclass(frozen=True)
 class Walls(InnerWalls):
-    """Blocks that are the same in every episode; outlast.levels.FloorPlan makes them from text, files and lists.
+    """Blocks that are the same in every episode; outlast.levels.FloorPlan creates them from text, files and lists.
 
     layout: six numbers for each rectangle, in a single row: x and y of the middle, width, height (metres), angle
-    (radians), and what it is: 0 for a block, 1 for the start area of side 0, 2 for that of side 1 and so on, -1 for
-    that of items and boxes, and a number below that for that of a kind (places.kind_use). A rectangle of width and
+    (radians), and its use: 0 for a block, 1 for the start area of side 0, 2 for that of side 1 and so on, -1 for
+    that of items and boxes, and a lower number for that of a kind (places.kind_use). A rectangle of width and
     height 0 does not count, so layouts can be padded to one length and chosen from by vary(walls_layout=choice(...)).
     """
 
@@ -88,8 +88,8 @@ class Walls(InnerWalls):
         Args:
             what: Its name in messages.
             entry: Its numbers.
-            sides: Those of the room, metres.
-            layout: What all modules of the scenario bring.
+            sides: Sides of the room, metres.
+            layout: The layout of all modules of the scenario.
             kinds: The kinds that can have start areas, by use.
         """
         if min(entry[WIDTH], entry[HEIGHT]) < THINNEST:
@@ -106,12 +106,12 @@ class Walls(InnerWalls):
         count = layout.dims.get("sides", 0)
         if entry[USE] != int(entry[USE]) or not (ITEMS <= entry[USE] <= count or entry[USE] in kinds):
             raise NumberError(
-                f"{what} is for {owner(entry[USE])}, and this scenario has the sides 0 to {count - 1}; take one of "
+                f"{what} is for {owner(entry[USE])}, but this scenario has the sides 0 to {count - 1}; take one of "
                 f"these, -1 for items, or a kind that spawns: {', '.join(kinds.values())}"
             )
 
     def _check_space(self, found: list[tuple[float, ...]], layout: Layout) -> None:
-        """Raise NumberError if the blocks leave too little floor for agents to start on."""
+        """Raise NumberError if the blocks leave too little floor for agents to start."""
         radius, sides = passage(layout) / 2, self.inside(layout)
         blocks = [entry for entry in found if entry[USE] == WALL]
         for use in sorted({entry[USE] for entry in found if entry[USE] > WALL}):
@@ -125,7 +125,7 @@ class Walls(InnerWalls):
         needed = math.pi * radius**2 * layout.dims.get("agents", 0)
         if free < needed:
             raise NumberError(
-                f"walls.layout leaves {free:.3g} square metres where agents can be, and they need {needed:.3g}; take "
+                f"walls.layout leaves {free:.3g} square metres where agents can be, but they need {needed:.3g}; take "
                 "fewer or smaller agents, fewer blocks, or a larger room"
             )
 
@@ -136,7 +136,7 @@ def entries(layout: tuple[float, ...]) -> Iterator[tuple[float, ...]]:
 
 
 def owner(use: float) -> str:
-    """Return in words who starts in an area."""
+    """Return the kind of entities that start in an area, in words."""
     return "items" if use == ITEMS else f"side {use - 1:g}" if use > ITEMS else "a kind that does not spawn here"
 
 

@@ -338,8 +338,8 @@ class Module:
             value of rows outside the world.
 
         The bounds of a field are the widest range that any module returns, so a mechanic that breaks another one's
-        bounds (such as by moving agents out of the room) returns its own. Keys that the scenario lacks are ignored. Bounds
-        of a key also hold for keys whose rows are copies of it: those of "own" for "others".
+        bounds (such as by moving agents out of the room) returns its own. Bounds for keys that the scenario lacks are
+        ignored. Bounds of a key also hold for keys whose rows are copies of it: those of "own" for "others".
         """
         return {}
 

@@ -1,4 +1,4 @@
-"""Joints of a contact batch: which bodies they bring into it, and what becomes of them."""
+"""Joints of a contact batch: their bodies, forces and ends."""
 
 import math
 from typing import Any
@@ -32,7 +32,7 @@ ZERO, TURN = np.float32(0), np.float32(2 * math.pi)
 
 @kernel
 def mark_joined(joints: Any, solid: Array, entities: Array, solids: Array, joined: Array) -> None:
-    """Mark both ends of every joint, as both have to be in the batch. End the joints that are impossible.
+    """Mark both ends of every joint, since both must be in the batch. End impossible joints.
 
     joints: the table Weld or Rope, or None. joined: the rows that have the component, or None.
     """
@@ -51,7 +51,7 @@ def mark_joined(joints: Any, solid: Array, entities: Array, solids: Array, joine
 
 @kernel
 def number_marked(spots: Array, solid: Array, entities: Array, solids: Array) -> None:
-    """Write into `spots[0]`, by row, which place each marked body has in the batch, and into `spots[1]` the reverse."""
+    """Write into `spots[0]`, by row, the position of each marked body in the batch, and into `spots[1]` the reverse."""
     k = 0
     for b in range(solids.size):
         pending = marked(solid, entities, solids, b)
@@ -64,7 +64,7 @@ def number_marked(spots: Array, solid: Array, entities: Array, solids: Array) ->
 
 @kernel
 def pulls(joints: Any, solid: Array, e: int) -> bool:
-    """Return whether the joint of row `e` is there, and there is something that it can move."""
+    """Return whether row `e` has a joint with a body that it can move."""
     o = joints.other[e]
     return bool(o >= 0 and (solid.dynamic[e] or solid.dynamic[o]))
 
@@ -73,7 +73,7 @@ def pulls(joints: Any, solid: Array, e: int) -> bool:
 def gather_joints(
     rows: Array, body: Array, solid: Array, welds: Any, welders: Any, ropes: Any, tied: Any, spots: Array
 ) -> int:
-    """Write the joints into `rows`, welds first; returns how many."""
+    """Write the joints into `rows`, welds first. Return their number."""
     k = 0
     if welds is not None:
         for e in welders:
@@ -96,7 +96,7 @@ def gather_joints(
 
 @kernel
 def fill(row: Array, kind: int, first: int, second: int, joints: Any, e: int) -> None:
-    """Write what welds and ropes have in common."""
+    """Write the common fields of welds and ropes."""
     row[KIND], row[FIRST], row[SECOND], row[FORCE] = kind, first, second, ZERO
     row[OWN_X], row[OWN_Y] = joints.x[e], joints.y[e]
     row[HERTZ], row[RATIO] = joints.hertz[e], joints.damping[e]
@@ -104,14 +104,14 @@ def fill(row: Array, kind: int, first: int, second: int, joints: Any, e: int) ->
 
 @kernel
 def nearest_turn(angle: Real, present: Real) -> Real:
-    """Return an angle, or the one that differs by whole turns and is nearest to the present one."""
+    """Return an angle, or the angle that differs by full turns and is nearest to the present one."""
     turns = np.float32(np.rint((present - angle) / TURN))
     return angle if turns == ZERO else angle + turns * TURN
 
 
 @kernel
 def read_forces(rows: Array, start: int, joints: Any, broken: Any, solid: Array, joined: Any) -> int:
-    """Read the forces on welds, or on ropes, back from `rows`, and end those that break; returns the next row."""
+    """Read the forces on welds, or on ropes, back from `rows`, and end those that break. Return the next row."""
     k = start
     if joints is not None:
         for e in joined:

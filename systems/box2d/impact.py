@@ -36,7 +36,7 @@ def _passes(body: int, circle: int, box: int, radius: np.float32, outlines: Outl
     """Return whether the circle stays on the outer side of one of the static box's sides all along its path.
 
     Around a polygon, the sides are those of the rectangle around it.
-    Box2D stops a circle's centre at radius - 3.75 mm from the box; the whole radius leaves room for rounding.
+    Box2D stops a circle's centre at radius - 3.75 mm from the box; the full radius allows for rounding.
     """
     radius = max(radius, _NEAREST)
     c, s = at.load_f4(body + at.BODY_COS), at.load_f4(body + at.BODY_SIN)

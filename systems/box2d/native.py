@@ -1,6 +1,6 @@
 """Box2D at native speed: kernels that build a batch in a workspace with an empty b2World, step it and reset the world.
 
-Each thread owns one workspace. A call leaves it as it found it, so the result is a function of the batch alone.
+Each thread owns one workspace. A call restores it, so the result is a function of the batch alone.
 """
 
 import numpy as np
@@ -68,7 +68,7 @@ _ZERO, _ONE = np.float32(0), np.float32(1)
 
 
 def available() -> bool:
-    """Return whether this process can use the native backend: kernels are compiled, the library is as expected."""
+    """Return whether this process can use the native backend: kernels are compiled, the layout of the library fits."""
     try:
         verify()
     except IncompatibleBox2D:
@@ -90,13 +90,13 @@ def solve(
 ) -> int:
     """Step bodies 0..count-1 of `batch` together for one tick and write X..OMEGA of those that are not static.
 
-    traits: how bodies differ, see `batch`; None: all have the numbers of `settings`, and touch each other.
-    joints: what joins bodies, likewise, of which there are `joined`; FORCE of each is written.
-    touches: None, or what touched what, which is written.
-    outlines: the polygons among the bodies, likewise; None: there are none.
+    traits: properties of bodies, see `batch`; None: all have the numbers of `settings`, and touch each other.
+    joints: joints of bodies, see `batch`, `joined` of them; FORCE of each is written.
+    touches: None, or an array for touches, which is written.
+    outlines: polygons of bodies, see `batch`; None: no polygons.
 
-    Returns SOLVED; or, with the batch untouched, ABANDONED if a body moved further than its MAX_TRAVEL, INVALID if
-    there are more than CAPACITY bodies or a number that Box2D would reject (which ends the process).
+    Returns SOLVED; or, with the batch untouched, ABANDONED if a body moved further than its MAX_TRAVEL, INVALID for
+    more than CAPACITY bodies or a number that Box2D would reject (which ends the process).
     """
     base = workspace.ctypes.data
     if not _valid(batch, count):
@@ -147,7 +147,7 @@ def solve(
 
 @noinline_kernel
 def _valid(batch: ContactBatch, count: int) -> bool:
-    """Return whether all numbers are in bounds, none is NaN, no body is too small, and all that moves has a mass."""
+    """Return whether all numbers are in bounds, none is NaN, no body is too small, and moving bodies have a mass."""
     if count > CAPACITY:
         return False
     valid = True
@@ -172,7 +172,7 @@ def _fair(traits: NDArray[np.float32], count: int) -> bool:
 
 @noinline_kernel
 def _build(base: int, settings: Settings, batch: ContactBatch, k: int, traits: Traits, outlines: Outlines) -> None:
-    """Make body k in its slot with Box2D's own constructor, one fixture, and its proxy in the broad phase."""
+    """Create body k in its slot with Box2D's own constructor, one fixture, and its proxy in the broad phase."""
     body, definition = base + SLOTS + SLOT * k, base + BODY_DEF
     kind = at.MOVING if batch[k, DYNAMIC] == MOVED else at.KINEMATIC if batch[k, DYNAMIC] == DRIVEN else at.STATIC
     at.store_i4(definition + at.DEF_TYPE, kind)
@@ -245,7 +245,7 @@ def _step(
     touches: Touches,
     outlines: Outlines,
 ) -> None:
-    """Take one substep, as in b2World::Step; the solver starts from the impulses of the substep before (STEP_RATIO)."""
+    """Take one substep, as in b2World::Step; the solver starts from impulses of the previous substep (STEP_RATIO)."""
     for k in range(count):
         if batch[k, DYNAMIC] == MOVED:
             _push(base + SLOTS + SLOT * k, batch, k)
@@ -307,7 +307,7 @@ def _reset(base: int, count: int) -> None:
     """Make the world empty again, faster than destroying its bodies, and reset its tree.
 
     The tree takes nodes from a free list, and the order of contacts follows the numbers of nodes: without a reset,
-    results would depend on what was stepped before.
+    results would depend on previous steps.
     """
     manager = base + at.WORLD_MANAGER
     contact = at.load_i8(manager + at.MANAGER_CONTACTS)

@@ -1,4 +1,4 @@
-"""Polygons of a contact batch: what their corners must be, and how the native backend hands them to Box2D."""
+"""Polygons of a contact batch: checks of their corners, and their transfer to Box2D by the native backend."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ _THIRD = np.float32(1) / np.float32(3)
 
 @kernel
 def whole(outlines: NDArray[np.float32], count: int) -> bool:
-    """Return whether Box2D takes the polygons of the bodies 0..count-1 as they are."""
+    """Return whether Box2D accepts the polygons of the bodies 0..count-1 unchanged."""
     for k in range(count):
         if outlines[k, CORNERS] == 0:
             continue
@@ -36,7 +36,7 @@ def whole(outlines: NDArray[np.float32], count: int) -> bool:
 
 @noinline_kernel
 def write_polygon(shape: int, outline: NDArray[np.float32]) -> None:
-    """Write a b2PolygonShape, as b2PolygonShape::Set does of such corners."""
+    """Write a b2PolygonShape, as b2PolygonShape::Set does for these corners."""
     corners = int(outline[CORNERS])
     at.store_i4(shape + at.POLYGON_COUNT, corners)
     area, middle_x, middle_y = _ZERO, _ZERO, _ZERO
@@ -60,7 +60,7 @@ def write_polygon(shape: int, outline: NDArray[np.float32]) -> None:
 
 @noinline_kernel
 def restore_box(shape: int) -> None:
-    """Make a b2PolygonShape that of a box again, but for the places of its corners."""
+    """Restore the b2PolygonShape of a box, except the positions of its corners."""
     at.store_i4(shape + at.POLYGON_COUNT, 4)
     for number in range(8):
         at.store_f4(shape + at.POLYGON_NORMALS + 4 * number, _ZERO)

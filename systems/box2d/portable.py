@@ -1,6 +1,6 @@
 """Box2D through pybox2d's public Python API: any platform, slow, and the reference for the native backend.
 
-A world is built for every call, so the result is a function of the batch alone.
+Every call builds a world, so the result is a function of the batch alone.
 """
 
 from typing import Any
@@ -78,7 +78,7 @@ def make_workspace() -> None:
 
 
 def listen(workspace: None) -> None:
-    """Return the workspace: what touches is noted without preparation."""
+    """Return the workspace: touches are recorded without preparation."""
     return workspace
 
 
@@ -95,13 +95,13 @@ def solve(
 ) -> int:
     """Step bodies 0..count-1 of `batch` together for one tick and write X..OMEGA of those that are not static.
 
-    traits: how bodies differ, see `batch`; None: all have the numbers of `settings`, and touch each other.
-    joints: what joins bodies, likewise, of which there are `joined`; FORCE of each is written.
-    touches: None, or what touched what, which is written.
-    outlines: the polygons among the bodies, likewise; None: there are none.
+    traits: properties of bodies, see `batch`; None: all have the numbers of `settings`, and touch each other.
+    joints: joints of bodies, see `batch`, `joined` of them; FORCE of each is written.
+    touches: None, or an array for touches, which is written.
+    outlines: polygons of bodies, see `batch`; None: no polygons.
 
-    Returns SOLVED; or, with the batch untouched, ABANDONED if a body moved further than its MAX_TRAVEL, INVALID if
-    there are more than CAPACITY bodies or a number out of bounds.
+    Returns SOLVED; or, with the batch untouched, ABANDONED if a body moved further than its MAX_TRAVEL, INVALID for
+    more than CAPACITY bodies or a number out of bounds.
     """
     if not _valid(batch, count) or not (traits is None or _fair(traits[:count])):
         return INVALID
@@ -139,7 +139,7 @@ def solve(
 
 
 class _Listener(Box2D.b2ContactListener):  # type: ignore[misc]
-    """Notes what touches what: impulse, hardest push, and where that was, by the places of both in the batch."""
+    """Records touches: impulse, strongest push, and its point, by the positions of both bodies in the batch."""
 
     def __init__(self, bodies: list[Any]) -> None:
         super().__init__()
@@ -213,7 +213,7 @@ def _join(world: Any, bodies: list[Any], row: NDArray[np.float32]) -> Any:
 
 
 def _usual(settings: Settings) -> NDArray[np.float32]:
-    """Return the traits of a body of which nothing is said."""
+    """Return the default traits of a body."""
     numbers = settings.friction, settings.restitution, settings.linear_damping, settings.angular_damping
     return np.array([*numbers, 1, 0xFFFF, 0], np.float32)
 
@@ -228,7 +228,7 @@ def _build(world: Any, row: ContactBatch, traits: NDArray[np.float32], outline: 
         angularDamping=float(traits[ANGULAR_DAMPING]),
         linearVelocity=(float(row[VX]), float(row[VY])),
         angularVelocity=float(row[OMEGA]),
-        allowSleep=False,  # as the native backend, even if a tick lasts longer than Box2D's half second
+        allowSleep=False,  # like the native backend, even if a tick is longer than Box2D's half second
     )
     body.CreateFixture(
         shape=_shape(row, outline),
@@ -253,7 +253,7 @@ def _shape(row: ContactBatch, outline: Outlines) -> Any:
 
 
 def _push(body: Any, row: ContactBatch) -> None:
-    """Apply the row's impulses; zero ones are skipped (they would only wake a body that is awake)."""
+    """Apply the row's impulses; zero ones are skipped (they only wake bodies that are awake)."""
     if row[DYNAMIC] == MOVED and (row[JX] != 0 or row[JY] != 0):
         body.ApplyLinearImpulse((float(row[JX]), float(row[JY])), body.worldCenter, True)
     if row[DYNAMIC] == MOVED and row[JTURN] != 0:

@@ -1,6 +1,6 @@
-"""Checks of what no public object of Box2D shows, by running its functions on memory where wrong numbers do no harm.
+"""Checks of members that public objects of Box2D do not show, by running its functions on harmless memory.
 
-`verify` runs these last, once all that can be read has been found as expected.
+`verify` runs these last, after all readable members were found as expected.
 """
 
 import ctypes
@@ -14,9 +14,9 @@ import Box2D
 from . import layout as at
 from .sample import Check, Sample, read
 
-WORDS = 16  # in a definition that is handed to Box2D: more than it needs
+WORDS = 16  # in a definition for Box2D: more than it needs
 POINTERS = ("SOLVER_CONTACTS", "SOLVER_POSITIONS", "SOLVER_VELOCITIES", "SOLVER_STACK")
-PLACES = (*range(1, 64), *range(0x2000, 0x2040))  # addresses in units of 4 GiB, where there is usually nothing
+PLACES = (*range(1, 64), *range(0x2000, 0x2040))  # addresses in units of 4 GiB, usually unused
 STEP_WORDS = 3  # in a b2TimeStep, which comes first in a definition and in the solver
 
 
@@ -45,10 +45,10 @@ def _construction(sample: Sample) -> Iterator[Check]:
 
 
 def _solver(sample: Sample) -> Iterator[Check]:
-    """Check where b2ContactSolver's constructor finds its pointers: it keeps a copy of each in what it makes.
+    """Check the pointers that b2ContactSolver's constructor reads: it keeps a copy of each in the solver.
 
     Each word of its definition is the address of an empty stack allocator, whose lower half, read as a number of
-    contacts, is 0: wherever the constructor looks for the one or the other, it does no harm.
+    contacts, is 0: reading any word as either is harmless.
     """
     for name in (*POINTERS, "SOLVER_COUNT", "STEP_DT", "STEP_RATIO", "STEP_VELOCITY", "STEP_WARM"):
         size = 8 if name in POINTERS else 1 if name == "STEP_WARM" else 4
@@ -71,7 +71,7 @@ def _decoy() -> Iterator[int]:
     system.mmap.restype = ctypes.c_int64
     for k in PLACES:
         hint, access = ctypes.c_void_p(k << 32), mmap.PROT_READ | mmap.PROT_WRITE
-        found = system.mmap(hint, size, access, flags, -1, ctypes.c_long(0))  # at the hint, if nothing is in the way
+        found = system.mmap(hint, size, access, flags, -1, ctypes.c_long(0))  # at the hint, if it is free
         try:
             if found == k << 32:
                 yield found
@@ -79,7 +79,7 @@ def _decoy() -> Iterator[int]:
         finally:
             if found != -1:
                 system.munmap(ctypes.c_void_p(found), size)
-    raise MemoryError("there is no room at any of these addresses")
+    raise MemoryError("none of these addresses is free")
 
 
 @contextmanager
@@ -93,7 +93,7 @@ def _solving(definition: Any) -> Iterator[int]:
 
 
 def _impulses(sample: Sample) -> Iterator[Check]:
-    """Hand both contacts to a b2ContactSolver: it copies their impulses, times the ratio of the steps."""
+    """Pass both contacts to a b2ContactSolver: it copies their impulses, times the ratio of the steps."""
     contacts = (ctypes.c_int64 * 2)(*(int(contact.this) for contact in reversed(sample.world.contacts)))
     places, definition = (ctypes.c_float * 12)(), (ctypes.c_int64 * WORDS)()
     values: dict[str, tuple[Any, float]] = {
@@ -121,7 +121,7 @@ def _impulses(sample: Sample) -> Iterator[Check]:
 
 
 def _impacts(sample: Sample) -> Iterator[Check]:
-    """Check that b2World::SolveTOI finds its numbers: after a step without it, it does what a step with it does."""
+    """Check that b2World::SolveTOI finds its numbers: a step without it, and then it, give the result of a step."""
     (_whole, expected), (parts, found) = (_thrown(continuous) for continuous in (True, False))
     step = (ctypes.c_int64 * WORDS)()
     for name, kind, value in ("STEP_DT", ctypes.c_float, 1 / 60), ("STEP_VELOCITY", ctypes.c_int32, 7):
@@ -146,7 +146,7 @@ def _thrown(continuous: bool) -> tuple[Any, Any]:
 
 
 def _solver_data(sample: Sample) -> Iterator[Check]:
-    """Check where a joint finds the tables of positions and velocities: a weld turns the velocities that it is given.
+    """Check the tables of positions and velocities that a joint reads: a weld changes the given velocities.
 
     All other words are the address of zeros.
     """

@@ -1,4 +1,4 @@
-"""The event Touch, from what a contact batch has noted."""
+"""The event Touch, from the touches that a contact batch has recorded."""
 
 from typing import Any
 
@@ -11,9 +11,9 @@ from .batch import AT_X, AT_Y, HIGH, IMPULSE, LOW
 
 @kernel
 def report_touches(touches: Array, rows: Array, events: Any, last: Any) -> None:
-    """Emit an event for each pair, in order of rows, and remember the pairs.
+    """Emit an event for each pair, in order of rows, and store the pairs.
 
-    touches: see `batch`. rows: the row of each place in the batch. last: the pairs of the tick before.
+    touches: see `batch`. rows: the row of each position in the batch. last: the pairs of the previous tick.
     """
     count, known = int(touches[0, LOW]), last.count[0]
     k = 0
@@ -34,7 +34,7 @@ def report_touches(touches: Array, rows: Array, events: Any, last: Any) -> None:
 
 @kernel
 def report_nothing(last: Any) -> None:
-    """Remember that nothing has touched."""
+    """Store that nothing touches."""
     for i in range(last.count[0]):
         last.solid[i], last.other[i] = 0, 0
     last.count[0] = 0

@@ -1,4 +1,4 @@
-"""The sample of `verify` and `probe`: a small world made by pybox2d's public interface, and how its memory is read."""
+"""The sample of `verify` and `probe`: a small world made by pybox2d's public interface, and readers of its memory."""
 
 import ctypes
 import os
@@ -19,7 +19,7 @@ def read(address: int, offset: str, kind: type = ctypes.c_float, extra: int = 0)
 
 
 def floats(item: Any, **expected: Iterable[float]) -> Iterator[Check]:
-    """Check the floats at each of these offsets, one behind the other."""
+    """Check the floats at each of these offsets, one after the other."""
     for name, values in expected.items():
         for k, value in enumerate(values):
             yield name, read(int(item.this), name, extra=4 * k), float(np.float32(value))
@@ -48,8 +48,8 @@ def readable(address: int, size: int) -> bool:
 class Sample:
     """A static box on which a moving circle and a moving box lie, stepped once; all numbers are different.
 
-    Before that, three more came and went. moved: what MOVE_COUNT was before the step. counts: see _Listener. wedge: a
-    polygon of no body.
+    Before that, three others were made and destroyed. moved: MOVE_COUNT before the step. counts: see _Listener.
+    wedge: a polygon without a body.
     """
 
     def __init__(self) -> None:
@@ -80,7 +80,7 @@ class Sample:
 
 
 class _Listener(Box2D.b2ContactListener):  # type: ignore[misc]
-    """The numbers of impulses that Box2D reports: what it finds, and what is right."""
+    """The numbers of impulses that Box2D reports: found, and expected."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -1,4 +1,4 @@
-"""Contacts of a tick, for the native backend: noted after every substep, and by a callback in impacts."""
+"""Contacts of a tick, for the native backend: recorded after every substep, and by a callback in impacts."""
 
 import functools
 
@@ -21,7 +21,7 @@ def _entry(base: int, low: int, high: int) -> int:
 
 @noinline_kernel
 def note(base: int, contact: int, impulse: np.float32) -> None:
-    """Note that the two bodies of a contact touch, and push each other apart by an impulse."""
+    """Record that the two bodies of a contact touch, with the impulse between them."""
     fixture_a, fixture_b = at.load_i8(contact + at.CONTACT_FIXTURE_A), at.load_i8(contact + at.CONTACT_FIXTURE_B)
     a, b = at.load_i8(fixture_a + at.FIXTURE_BODY), at.load_i8(fixture_b + at.FIXTURE_BODY)
     first, second = (a - base - SLOTS) // SLOT, (b - base - SLOTS) // SLOT
@@ -39,7 +39,7 @@ def note(base: int, contact: int, impulse: np.float32) -> None:
         return
     at.store_f4(entry + 8, impulse)
     points, count = base + POINTS, at.load_i4(contact + at.CONTACT_MANIFOLD + at.MANIFOLD_COUNT)
-    if count == 0:  # a sensor: where the other one is
+    if count == 0:  # a sensor: the position of the other body
         body = b if at.load_u1(fixture_a + at.FIXTURE_SENSOR) else a
         x, y = at.load_f4(body + at.BODY_POSITION), at.load_f4(body + at.BODY_POSITION + 4)
     else:
@@ -56,7 +56,7 @@ def note(base: int, contact: int, impulse: np.float32) -> None:
 
 @noinline_kernel
 def note_island(base: int, contacts: int) -> None:
-    """Note the contacts of an island that was solved, while its solver still has their impulses."""
+    """Record the contacts of a solved island, while its solver still has their impulses."""
     constraint = at.load_i8(base + SOLVER + at.SOLVER_CONSTRAINTS)
     for k in range(contacts):
         impulse = at.load_f4(constraint + at.IMPULSES_0)
@@ -68,7 +68,7 @@ def note_island(base: int, contacts: int) -> None:
 
 @noinline_kernel
 def note_sensors(base: int) -> None:
-    """Note what overlaps a sensor, at the end of a substep."""
+    """Record overlaps with sensors, at the end of a substep."""
     contact = at.load_i8(base + at.WORLD_MANAGER + at.MANAGER_CONTACTS)
     while contact:
         a, b = at.load_i8(contact + at.CONTACT_FIXTURE_A), at.load_i8(contact + at.CONTACT_FIXTURE_B)
@@ -79,7 +79,7 @@ def note_sensors(base: int) -> None:
 
 
 def _post_solve(listener: int, contact: int, impulse: int) -> None:
-    """b2ContactListener::PostSolve, which Box2D calls for what it solves on its own: impacts."""
+    """b2ContactListener::PostSolve, which Box2D calls for impacts, which it solves itself."""
     total = at.load_f4(impulse)
     if at.load_i4(impulse + at.IMPULSE_COUNT) == 2:
         total += at.load_f4(impulse + 4)
@@ -92,22 +92,22 @@ def _callback() -> int:
 
 
 def listen(workspace: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Let impacts in a workspace be noted. Returns the workspace."""
+    """Record impacts in a workspace. Return the workspace."""
     workspace[FUNCTIONS + 8 * at.POST_SOLVE :][:8].view(np.int64)[0] = _callback()
     return workspace
 
 
 @noinline_kernel
 def watch(base: int, listening: bool) -> None:
-    """Begin to note touches, or end it."""
+    """Begin or end the recording of touches."""
     at.store_i8(base + at.WORLD_MANAGER + at.MANAGER_LISTENER, base + LISTENER if listening else 0)
 
 
 @noinline_kernel
 def read_touches(base: int, touches: NDArray[np.float32]) -> None:
-    """Write what was noted into `touches`, in order of bodies."""
+    """Write the recorded touches into `touches`, in order of bodies."""
     count, keys = at.load_i8(base + TOUCH_COUNT), base + TOUCH_KEYS
-    for k in range(1, count):  # insertion sort: there are few
+    for k in range(1, count):  # insertion sort, for few elements
         key, place = at.load_i8(keys + 8 * k), k
         while place > 0 and at.load_i8(keys + 8 * (place - 1)) > key:
             at.store_i8(keys + 8 * place, at.load_i8(keys + 8 * (place - 1)))
@@ -124,7 +124,7 @@ def read_touches(base: int, touches: NDArray[np.float32]) -> None:
 
 @noinline_kernel
 def forget(base: int) -> None:
-    """Clear what was noted."""
+    """Clear the recorded touches."""
     for k in range(at.load_i8(base + TOUCH_COUNT)):
         key = at.load_i8(base + TOUCH_KEYS + 8 * k)
         at.store_i4(_entry(base, key // CAPACITY, key % CAPACITY), 0)

@@ -71,7 +71,7 @@ def gather(
     driven: Any,
     substeps: int,
 ) -> int:
-    """Write the marked bodies into `batch` in order of rows; returns how many."""
+    """Write the marked bodies into `batch` in order of rows. Return their number."""
     count = 0
     refresh(bodies)
     aabbs, body, shape = all_aabbs(bodies), bodies.body, bodies.shape
@@ -93,7 +93,7 @@ def gather(
             if solid.dynamic[e]:
                 batch[count, MASS], batch[count, INERTIA] = solid.mass[e], solid.inertia[e]
                 batch[count, MAX_TRAVEL] = clearance(aabbs, body, shape, solid, entities, solids, LONGEST * substeps, e)
-            elif batch[count, DYNAMIC] != DRIVEN:  # Box2D would move even a static body that touches something
+            elif batch[count, DYNAMIC] != DRIVEN:  # Box2D would move even a static body in contacts
                 batch[count, VX], batch[count, VY], batch[count, OMEGA] = ZERO, ZERO, ZERO
             count += 1
     return count
@@ -126,7 +126,7 @@ def describe(
     materials: Any,
     made: Any,
 ) -> None:
-    """Write the traits of the marked bodies in order of rows; filtered, made: which rows have these components."""
+    """Write the traits of the marked bodies in order of rows; filtered, made: whether rows have these components."""
     k = 0
     for b in range(solids.size):
         pending = marked(solid, entities, solids, b)
@@ -149,7 +149,7 @@ def describe(
 
 @kernel
 def gather_outlines(outlines: Array, polygons: Any, solid: Array, entities: Array, solids: Array) -> Any:
-    """Write the polygons among the marked bodies in order of rows; returns None in games without polygons."""
+    """Write the polygons among the marked bodies in order of rows. Return None in games without polygons."""
     if polygons is None:
         return None
     k = 0
@@ -167,5 +167,5 @@ def gather_outlines(outlines: Array, polygons: Any, solid: Array, entities: Arra
 
 @kernel
 def own(value: Real, usual: Real) -> Real:
-    """Return a body's own number, or the usual one if that is below 0. NaN stays, and is refused by Box2D's batch."""
+    """Return a body's own number, or the usual one if that is below 0. NaN is kept, and refused by Box2D's batch."""
     return usual if value < ZERO else value

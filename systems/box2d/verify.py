@@ -22,7 +22,7 @@ VERSION = "2.3.10"
 
 @functools.cache
 def _report() -> str:
-    """Return what is wrong with the installed Box2D; empty if nothing is."""
+    """Return the fault of the installed Box2D; empty if it fits."""
     if np.dtype(np.intp).itemsize != 8:
         return "pointers are not 8 bytes"
     if not Box2D.__version__.startswith(VERSION):
@@ -60,7 +60,7 @@ def _definition(sample: Sample) -> Iterator[Check]:
     yield integer(definition, "DEF_TYPE", at.MOVING)
     yield from floats(definition, DEF_POSITION=(1, 2), DEF_ANGLE=(3,), DEF_VELOCITY=(4, 5), DEF_OMEGA=(6,))
     yield from floats(definition, DEF_LINEAR_DAMPING=(7,), DEF_ANGULAR_DAMPING=(8,))
-    yield "DEF_SIZE", read(int(definition.this), "DEF_SIZE", extra=-8), 9.0  # a size is checked by what comes last
+    yield "DEF_SIZE", read(int(definition.this), "DEF_SIZE", extra=-8), 9.0  # a size is checked by its last member
 
 
 def _body(sample: Sample) -> Iterator[Check]:
@@ -149,7 +149,7 @@ def _tree(sample: Sample) -> Iterator[Check]:
     index = read(int(tree.this), "TREE_ROOT", ctypes.c_int32)
     yield "TREE_NODES", nodes % 8 == 0 and readable(nodes, 16 * at.NODE_SIZE), True
     yield "TREE_ROOT", index, 2
-    for proxy in (0, 1, 9):  # the others are branches, or were leaves of bodies that are gone
+    for proxy in (0, 1, 9):  # the others are branches, or were leaves of destroyed bodies
         fat = tree.GetFatAABB(proxy)
         corners = (*fat.lowerBound, *fat.upperBound)
         yield "NODE_SIZE", tuple((ctypes.c_float * 4).from_address(nodes + proxy * at.NODE_SIZE)), corners

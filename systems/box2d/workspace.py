@@ -20,21 +20,21 @@ SOLVER = SOLVER_DEF + 64  # b2ContactSolver
 FILTER = SOLVER + 120  # the address of Box2D's own b2ContactFilter
 BODY_DEF = SOLVER + 128  # b2BodyDef
 GROUP = BODY_DEF + 64  # the bodies of the island being solved
-STACK = GROUP + 8 * CAPACITY  # bodies whose contacts are still to be followed
+STACK = GROUP + 8 * CAPACITY  # bodies whose contacts remain to be followed
 POSITIONS = STACK + 8 * CAPACITY  # b2Position of each body in the island
-VELOCITIES = POSITIONS + 12 * CAPACITY  # b2Velocity, likewise
-BEFORE = VELOCITIES + 12 * CAPACITY  # what VELOCITIES were an iteration ago
+VELOCITIES = POSITIONS + 12 * CAPACITY  # b2Velocity of each body in the island
+BEFORE = VELOCITIES + 12 * CAPACITY  # VELOCITIES of the previous iteration
 CONTACTS = BEFORE + 12 * CAPACITY  # the contacts of the island
-IMPULSES = CONTACTS + 8 * _PAIRS  # what their impulses were an iteration ago
+IMPULSES = CONTACTS + 8 * _PAIRS  # their impulses in the previous iteration
 SOLVER_DATA = IMPULSES + 16 * _PAIRS  # b2SolverData, for joints
 LINKS = SOLVER_DATA + 64  # the joints of the island
 JOINT, JOINT_SLOT = LINKS + 8 * MOST_JOINTS, 320  # joint k of a batch lives in slot k: see joints
 LISTENER = JOINT + JOINT_SLOT * MOST_JOINTS  # b2ContactListener, and the address of the workspace
 FUNCTIONS = LISTENER + 16  # its virtual functions
 POINTS = FUNCTIONS + 64  # b2WorldManifold
-TOUCH_COUNT = POINTS + 64  # how many pairs have touched in this tick
-TOUCH_KEYS = TOUCH_COUNT + 8  # which ones: the lower place in the batch times CAPACITY, plus the higher one
-TOUCH = TOUCH_KEYS + 8 * _PAIRS  # of each pair: whether it has touched; impulse; hardest push; where that was
+TOUCH_COUNT = POINTS + 64  # number of pairs that have touched in this tick
+TOUCH_KEYS = TOUCH_COUNT + 8  # their keys: the lower position in the batch times CAPACITY, plus the higher one
+TOUCH = TOUCH_KEYS + 8 * _PAIRS  # of each pair: whether it has touched; impulse; strongest push, and its point
 SLOTS = (TOUCH + 24 * _PAIRS + 63) // 64 * 64
 
 # Body k of a batch lives in slot k: b2Body, b2Fixture, b2FixtureProxy and the two shapes it may have
@@ -47,10 +47,10 @@ SIZE = SLOTS + CAPACITY * SLOT
 
 
 def make_workspace() -> NDArray[np.uint8]:
-    """Return memory for one thread's scenes (uint8); its b2World is destroyed with the last view of it.
+    """Return memory for one thread's scenes (uint8); its b2World is destroyed with its last view.
 
-    It holds pointers: use it in the process and at the address where it was made. Call `verify` once before.
-    It has about 8 MiB, most of which is never touched.
+    It holds pointers: use it in the process and at the address where it was created. Call `verify` once before. It has
+    about 8 MiB, most of which is never touched.
     """
     memory = np.zeros(SIZE + 64, np.uint8)
     owner = _Owner(memory)
@@ -66,19 +66,19 @@ def make_workspace() -> NDArray[np.uint8]:
 
 
 class _Owner:
-    """The owner of memory that views refer to. An array will not do: numpy 2.5 frees it before its finalizers run."""
+    """The owner of memory that views refer to. Not an array: numpy 2.5 frees it before its finalizers run."""
 
     def __init__(self, memory: NDArray[np.uint8]) -> None:
         self.__array_interface__ = memory.__array_interface__
 
 
 def _destroy(base: int, memory: NDArray[np.uint8]) -> None:
-    """End the b2World at `base`, in memory that is there as long as this runs."""
+    """End the b2World at `base`, in memory that is kept alive during the call."""
     ctypes.CDLL(at.FILE)["_ZN7b2WorldD1Ev"](ctypes.c_void_p(base))
 
 
 def _write_templates(workspace: NDArray[np.uint8]) -> None:
-    """Copy objects made by the public API; they bring vtable pointers and the defaults of unused fields."""
+    """Copy objects made by the public API; these have vtable pointers and the defaults of unused fields."""
     disc, box = Box2D.b2CircleShape(), Box2D.b2PolygonShape(box=(1, 1))
     world = Box2D.b2World()
     fixture = world.CreateStaticBody().CreateFixture(shape=disc)
@@ -99,7 +99,7 @@ def _write_pointers(workspace: NDArray[np.uint8], base: int) -> None:
     functions = (ctypes.c_int64 * 6).from_address(
         ctypes.c_int64.from_address(int(words[(at.WORLD_MANAGER + at.MANAGER_LISTENER) // 8])).value
     )
-    words[FUNCTIONS // 8 : FUNCTIONS // 8 + 6] = functions  # Box2D's own, which do nothing
+    words[FUNCTIONS // 8 : FUNCTIONS // 8 + 6] = functions  # Box2D's own empty ones
     words[LISTENER // 8 : LISTENER // 8 + 2] = base + FUNCTIONS, base
     words[FILTER // 8] = words[(at.WORLD_MANAGER + at.MANAGER_FILTER) // 8]  # used for bodies with traits
     words[(at.WORLD_MANAGER + at.MANAGER_FILTER) // 8] = 0  # none: every pair may touch

@@ -1,9 +1,9 @@
-"""Axis-aligned bounding boxes (AABBs) of all rows, and culling: which of sixteen rows at a time a ray may hit.
+"""Axis-aligned bounding boxes (AABBs) of all rows, and culling: the rows, of sixteen at a time, that a ray may hit.
 
 Rays and contacts test one body against all others, and nearly all answers are no. The functions here take a block of
-rows and return a bitset (see blocks) of all rows for which the answer may be yes, and few others; only these get the
+rows and return a bitset (see blocks) of all rows that may be hit, and few others; only these get the
 exact test. Each AABB is enlarged by SLACK, so that rounding never loses a hit, in rooms of up to a hundred metres. Over
-longer ways the exact tests themselves, which are Box2D's, are right to millimetres only, and grazes may be culled.
+longer distances the exact tests, which are Box2D's, have errors of millimetres, and grazes may be culled.
 
     for k in range(bodies.count[0]):
         b = bodies.lines[k]
@@ -21,18 +21,18 @@ AABBs: TypeAlias = tuple[Array, Array, Array, Array]
 """Columns of all rows: centre x and y, half extent along x and y; metres."""
 
 ALONG_X, ALONG_Y = 0, 1  # rows of `half_extents`
-SLACK = np.float32(1e-3)  # metres: more than a test in float32 loses by rounding
+SLACK = np.float32(1e-3)  # metres: more than the rounding of a test in float32
 HALF = np.float32(0.5)
 
 
 def make_half_extents(dims: dict[str, int]) -> np.ndarray[Any, Any]:
-    """Make scratch memory for `compute_aabbs`: float32 (2, rows), with room for whole blocks."""
+    """Return scratch memory for `compute_aabbs`: float32 (2, rows), rounded up to full blocks."""
     return np.zeros((2, SIMD_WIDTH * dims["blocks"]), np.float32)
 
 
 @kernel
 def compute_aabbs(half_extents: Array, body: Array, shape: Array) -> AABBs:
-    """Return the AABBs of all rows at their present places; half extents are written to the scratch `half_extents`."""
+    """Return the AABBs of all rows at their present positions; half extents are written to `half_extents`."""
     for start in range(0, half_extents.shape[1], SIMD_WIDTH):
         cosine, sine = abs(load(body.cosine, start)), abs(load(body.sine, start))
         width, height = load(shape.half_width, start), load(shape.half_height, start)

@@ -1,4 +1,4 @@
-"""Blocks as barriers: bodies that are pushed into a block stay outside, and strikes aimed through a block hit it."""
+"""Blocks as barriers: bodies pushed into a block stay outside, and strikes aimed through a block hit it."""
 
 from typing import Any
 
@@ -12,7 +12,7 @@ from .blocks import alive_bits, first_row
 from .points import to_local
 from .rays import NO_HIT, raycast_entity
 
-PASSES = 4  # over all walls, at most: a body that is held back from one may still be in another
+PASSES = 4  # maximum passes over all walls: a body held back from one may still be in another
 ZERO = np.float32(0)
 
 
@@ -36,7 +36,7 @@ def crossed(body: Array, before: Array, shape: Array, e: int, o: int) -> bool:
 def step_back(body: Array, before: Array, shape: Array, e: int, o: int) -> None:
     """Undo the motion of body `e` towards rectangle `o`, and its speed in that direction, but not along the side.
 
-    A body that was inside before the tick, which can only happen in a state that was set, is left alone.
+    A body that was inside before the tick, possible only in a state that was set, is not changed.
     """
     cosine, sine = body.cosine[o], body.sine[o]
     x, y = to_local(body.x[e] - body.x[o], body.y[e] - body.y[o], cosine, sine)
@@ -68,7 +68,7 @@ def hold_back(
 ) -> None:
     """Keep body `e` on the side of all walls where it was before it moved, except those that its filter passes.
 
-    walls: bitset of the rows of walls. span: the blocks of rows in which it is not empty, see `block_span`.
+    walls: bitset of the rows of walls. span: the range of its blocks that are not empty, see `block_span`.
     """
     aabbs = (body.x, body.y, wall.half_x, wall.half_y)
     for _ in range(PASSES):
@@ -100,7 +100,7 @@ def first_barrier(
     target: int,
     polygons: Any,
 ) -> int:
-    """Return the block that is hit first on the way straight ahead from `me` to body `target`, or `target` itself."""
+    """Return the first block on the straight way ahead from `me` to body `target`, or `target` itself."""
     aabbs = (body.x, body.y, wall.half_x, wall.half_y)
     ox, oy = body.x[me], body.y[me]
     reach = abs(body.x[target] - ox) + abs(body.y[target] - oy)

@@ -24,7 +24,7 @@ def without_row(bits: int, b: int, e: int) -> int:
 
 @kernel
 def append_rows(rows: Array, found: int, b: int, bits: int) -> int:
-    """Append the rows in a bitset of block `b` to a list of `found` rows; return how many it has then."""
+    """Append the rows in a bitset of block `b` to a list of `found` rows. Return its new length."""
     while bits:
         rows[found] = first_row(b, bits)
         bits &= bits - 1
@@ -44,5 +44,5 @@ def block_span(members: Array) -> tuple[int, int]:
 
 @kernel
 def alive_bits(entities: Array, members: Array, b: int) -> int:
-    """Return which of the `members` (bitsets by block) in block `b` are alive."""
+    """Return the bitset of living `members` (bitsets by block) in block `b`."""
     return int(to_bits(load_flags(entities.alive, SIMD_WIDTH * b)) & members[b])

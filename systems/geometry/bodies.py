@@ -1,18 +1,17 @@
-"""An index of bodies: which living bodies are near a place, in a rectangle, or on a ray.
+"""An index of bodies: living bodies near a point, in a rectangle, or on a ray.
 
     def burn(health: Write[Health], bodies: Bodies, agents: Bitset[Side], ...) -> None:
         for k in range(near(bodies, agents, x, y, reach)):
             e = bodies.rows[k]
 
-A query lists rows in order, those of `members`, a bitset by block, or of all bodies (None): all that it asks for, and
-few others, so an exact test follows. It tests the AABBs of
-sixteen rows at a time, or, if there are many bodies, 64: then the sides of all AABBs are also rounded outwards to a
-grid of 255 steps along each axis, so that each is a byte, and a rectangle is compared with 64 rows in four
-instructions.
+A query lists rows in order, of `members`, a bitset by block, or of all bodies (None): all rows that may fit, and few
+others, so an exact test follows. It tests the AABBs of sixteen rows at a time, or, with many bodies, of 64: then the
+sides of all AABBs are also rounded outwards to a grid of 255 steps along each axis, so that each is a byte, and a
+rectangle is compared with 64 rows in four instructions.
 
-The first query of a system fills the index of a world, in memory of the thread: to fill it in each system that asks
-is faster than to keep one for every world, out of the fastest cache. A system that asks nothing pays almost nothing.
-Whether a later query finds what the system itself has moved or removed since is open.
+The first query of a system fills the index of a world, in memory of the thread: filling it in each system with
+queries is faster than keeping one for every world outside of the fastest cache. A system without queries costs
+almost nothing. Bodies that the system itself has moved or removed may or may not appear in later queries.
 """
 
 from collections.abc import Mapping
@@ -38,14 +37,14 @@ from outlast.ecs.kernels.simd import (
 from .aabb import ALONG_X, ALONG_Y, AABBs, aabbs_hit_by_ray, aabbs_in_box, aabbs_near_point, compute_aabbs
 from .blocks import alive_bits, append_rows, first_row
 
-FEW = 8  # if there are no more blocks than this, testing each is faster
+FEW = 8  # up to this many blocks, testing each is faster
 LOW_X, HIGH_X, LOW_Y, HIGH_Y = range(4)  # lines of `sides`
-START, STEPS = 0, 1  # of each axis in `scale`: where the first step begins, and how many steps a metre has
+START, STEPS = 0, 1  # of each axis in `scale`: start of the first step, and steps per metre
 X, Y = 0, 1  # axes
 EVERY = (1 << SIMD_WIDTH) - 1  # all rows of a block
-STALE = -1  # in place of the number of blocks
+STALE = -1  # instead of the number of blocks
 ZERO, ONE, LAST = np.float32(0), np.float32(1), np.float32(LARGEST)
-PART = np.float32(1e-6)  # of coordinates: more than float32 loses
+PART = np.float32(1e-6)  # of coordinates: more than the rounding of float32
 
 
 class Index(NamedTuple):
@@ -53,21 +52,21 @@ class Index(NamedTuple):
 
     half_extents: Array  # float32 (2, rows): of the AABBs of all rows, along x and y; metres
     living: Array  # int32 (blocks,): bitsets of the living bodies
-    lines: Array  # int32 (blocks,): numbers of the blocks in which bodies live
-    count: Array  # int32 (2,): how many there are, STALE until they are listed; whether `sides` are filled
-    sides: Array  # uint8 (4, rows), line by line as `lines` has them, not as the tables do
+    lines: Array  # int32 (blocks,): numbers of the blocks with living bodies
+    count: Array  # int32 (2,): their number, STALE until they are listed; whether `sides` are filled
+    sides: Array  # uint8 (4, rows), in the order of `lines`, not of the tables
     scale: Array  # float32 (axes, 2): of `sides`
-    words: Array  # int64 (2, words): bitsets of near rows, and where in `sides` each begins
-    rows: Array  # int32 (rows,): what the last query has found
-    body: Any  # the tables that it is made of, and the rows that are bodies
+    words: Array  # int64 (2, words): bitsets of near rows, and the start of each in `sides`
+    rows: Array  # int32 (rows,): rows found by the last query
+    body: Any  # the tables that it is computed from, and the rows of bodies
     shape: Any
     entities: Any
     members: Any
-    polygons: Any  # None in games without any
+    polygons: Any  # None in games without polygons
 
 
 def make_index(dims: Mapping[str, int]) -> Index:
-    """Make the memory of the index of one world."""
+    """Return the memory of the index of one world."""
     blocks, words = dims["blocks"], -(-dims["blocks"] * SIMD_WIDTH // BYTES)
     many = words if blocks > FEW else 0
     return Index(
@@ -95,7 +94,7 @@ def expire(
     members: Bitset[Shape],
     polygons: Read[Polygon] | None,
 ) -> None:
-    """Let the first query of the next world, or of the next system, fill the index."""
+    """Mark the index as stale, so that the first query of the next world or system fills it."""
     index.count[0] = STALE
 
 
@@ -105,7 +104,7 @@ Bodies: TypeAlias = Annotated[Any, Service(expire, make_index, behind=True)]
 
 @kernel
 def refresh(index: Index) -> int:
-    """Fill the index of a world, but for `sides`, unless that is done; return in how many blocks bodies live."""
+    """Fill the index of a world, except `sides`, unless it is filled. Return the number of blocks with bodies."""
     if index.count[0] == STALE:
         compute_aabbs(index.half_extents, index.body, index.shape)
         count = 0
@@ -128,7 +127,7 @@ def near(index: Index, members: Array, x: Real, y: Real, distance: Real) -> int:
 def discs_near(index: Index, members: Array, x: Real, y: Real, distance: Real) -> int:
     """List the living `members`, discs, that come within `distance` of a point.
 
-    In a small room, it does not fill the index: few queries cost less than that.
+    In a small room, it does not fill the index: a few direct tests cost less.
     """
     if members.size > FEW:
         return near(index, members, x, y, distance)
@@ -166,7 +165,7 @@ def all_aabbs(index: Index) -> AABBs:
 def list_rows(index: Index, members: Array, box: Any, test: Any, numbers: Any) -> int:
     """List the members for which `test(aabbs, block, *numbers)` holds; in a crowd, those in the rectangle `box`."""
     count = refresh(index)
-    if count > FEW:  # there are so many bodies that a query is faster than a test of all
+    if count > FEW:  # with many bodies, a query is faster than a test of all
         return query(index, members, box[0], box[1], box[2], box[3])
     aabbs, found = all_aabbs(index), 0
     for k in range(count):
@@ -197,9 +196,9 @@ def round_sides(index: Index) -> None:
 
 @kernel
 def fit(scale: Array, index: Index, centres: Array) -> Real:
-    """Let the steps of an axis cover the range of the lines' first rows; return the slack of coordinates, metres.
+    """Set the steps of an axis to cover the range of the lines' first rows. Return the slack of coordinates, metres.
 
-    What lies beyond belongs to the first or the last step.
+    Coordinates beyond belong to the first or the last step.
     """
     low = high = centres[first_row(index.lines[0], index.living[index.lines[0]])]
     for k in range(1, index.count[0]):
@@ -219,7 +218,7 @@ def step(scale: Array, at: Real) -> Any:
 
 @kernel
 def query(index: Index, members: Array, low_x: Real, high_x: Real, low_y: Real, high_y: Real) -> int:
-    """List the members whose AABB, rounded outwards to steps, overlaps a rectangle, in order; return how many."""
+    """List the members whose AABB, rounded outwards to steps, overlaps a rectangle, in order. Return their number."""
     if index.count[1] == 0:
         round_sides(index)
     sides, scale, words = index.sides, index.scale, index.words
@@ -233,7 +232,7 @@ def query(index: Index, members: Array, low_x: Real, high_x: Real, low_y: Real, 
         some += bits != 0
     found = k = 0
     pending = words[0, 0]
-    while k < some:  # one loop over the rows of all words, as its end is mispredicted
+    while k < some:  # one loop over the rows of all words, since its end is mispredicted
         at = words[1, k] + trailing_zeros(pending)
         b, lane = index.lines[at >> SIMD_SHIFT], at & SIMD_WIDTH - 1
         index.rows[found] = SIMD_WIDTH * b + lane

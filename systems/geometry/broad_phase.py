@@ -1,4 +1,4 @@
-"""The broad phase of contacts: distances between bodies, and how far each may move before it could touch another."""
+"""The broad phase of contacts: distances between bodies, and safe distances of motion."""
 
 import numpy as np
 
@@ -15,7 +15,7 @@ ZERO = np.float32(0)
 
 @kernel
 def outer_radius(shape: Array, e: int) -> Real:
-    """Return the radius of the circle around all of body `e`, metres."""
+    """Return the radius of the circle around body `e`, metres."""
     x, y = shape.half_width[e], shape.half_height[e]
     return max(shape.radius[e], np.float32(np.sqrt(x * x + y * y)))
 
@@ -31,7 +31,7 @@ def travel(body: Array, push: Array, solid: Array, e: int, time: Real) -> Real:
 
 @kernel
 def gap(body: Array, shape: Array, e: int, o: int) -> Real:
-    """Lower bound of the distance between the surfaces of two bodies; `e` counts as the circle around it."""
+    """Return a lower bound of the distance between the surfaces of two bodies; `e` counts as the circle around it."""
     if shape.radius[o] == ZERO:
         return gap_circle_box(
             body.x[e],
@@ -52,7 +52,7 @@ def gap(body: Array, shape: Array, e: int, o: int) -> Real:
 def clearance(
     aabbs: AABBs, body: Array, shape: Array, solid: Array, entities: Array, solids: Array, most: Real, e: int
 ) -> Real:
-    """Return how far body `e` may be pushed, at most `most`, before it could touch a body outside of the batch."""
+    """Return the distance, at most `most`, of body `e` before it could touch a body outside of the batch."""
     free, radius = most, outer_radius(shape, e)
     for b in range(solids.size):
         pending = alive_bits(entities, solids, b) & ~to_bits(load_flags(solid.may_collide, SIMD_WIDTH * b))

@@ -11,7 +11,7 @@ ZERO, ONE, FAR = np.float32(0), np.float32(1), np.float32(np.inf)
 
 @kernel
 def corner_count(polygons: Any, e: int) -> int:
-    """Return how many corners body `e` has, which is not a disc. polygons: the table `Read[Polygon] | None`."""
+    """Return the number of corners of body `e`, which is not a disc. polygons: the table `Read[Polygon] | None`."""
     if polygons is not None and polygons.corners[e] > 0:
         return int(polygons.corners[e])
     return 4
@@ -19,7 +19,7 @@ def corner_count(polygons: Any, e: int) -> int:
 
 @kernel
 def corner(shape: Array, polygons: Any, e: int, k: int) -> tuple[Real, Real]:
-    """Return corner k of body `e`; k may be one too many, which is the first again."""
+    """Return corner k of body `e`; k may be the number of corners, which is the first again."""
     if polygons is not None and polygons.corners[e] > 0:
         n = k if k < polygons.corners[e] else 0
         return polygons.x[e, n], polygons.y[e, n]

@@ -7,10 +7,10 @@ import numpy as np
 from outlast.ecs import Array, Real, kernel
 from outlast.ecs.kernels.random import integer, uniform
 
-MOST = 32  # the most cells along either side
-EDGES = 2 * MOST * (MOST - 1)  # the most walls between cells
+MOST = 32  # maximum cells along either side
+EDGES = 2 * MOST * (MOST - 1)  # maximum walls between cells
 PARENT, ORDER, OPEN = range(3)  # lines of the scratch memory
-EXTRA, PLACE = EDGES, 2 * EDGES  # the first index for draws of further openings, and of places of doors
+EXTRA, PLACE = EDGES, 2 * EDGES  # first index for draws of further openings, and of positions of doors
 HALF, ONE, ZERO = np.float32(0.5), np.float32(1), np.float32(0)
 
 
@@ -21,7 +21,7 @@ def make_grid_memory() -> np.ndarray[Any, Any]:
 
 @kernel
 def edge_count(columns: int, rows: int) -> int:
-    """Return how many walls are between the cells of a grid: the vertical ones, row by row, then the horizontal."""
+    """Return the number of walls between the cells of a grid: the vertical ones, row by row, then the horizontal."""
     return (columns - 1) * rows + columns * (rows - 1)
 
 
@@ -46,17 +46,17 @@ def root(memory: Array, cell: int) -> int:
 
 @kernel
 def open_edges(memory: Array, columns: int, rows: int, extra: Real, key: Any) -> int:
-    """Draw which edges have an opening: those of a random spanning tree (Kruskal), and a share of the others.
+    """Draw the edges with an opening: those of a random spanning tree (Kruskal), and a share of the others.
 
     Args:
         memory: Memory from `make_grid_memory`; its line OPEN becomes 1 for each edge with an opening.
         columns: Cells from left to right.
         rows: Cells from bottom to top.
-        extra: Probability of an opening where the cells are connected already.
+        extra: Probability of an opening between cells that are already connected.
         key: Key of random numbers.
 
     Returns:
-        How many edges there are.
+        Number of edges.
     """
     edges = edge_count(columns, rows)
     for cell in range(columns * rows):
@@ -107,17 +107,17 @@ def place_edges(
 
     Args:
         tables: Body, Shape and Entity.
-        walls: Rows of the blocks; there must be enough.
-        memory: As `open_edges` left it.
+        walls: Rows of the blocks; at least as many as needed.
+        memory: Memory after `open_edges`.
         columns: As for `open_edges`.
         rows: As for `open_edges`.
         sides: Width and height of the floor, metres.
         thickness: Thickness of a wall, metres.
-        door: Width of an opening somewhere in its wall, metres; 0: the whole wall is open.
+        door: Width of an opening somewhere in its wall, metres; 0: the complete wall is open.
         key: Key of random numbers.
 
     Returns:
-        How many blocks are standing.
+        Number of standing blocks.
     """
     width, height = sides[0] / np.float32(columns), sides[1] / np.float32(rows)
     half, count = HALF * thickness, 0
@@ -135,7 +135,7 @@ def place_edges(
             place_span(tables, walls[count], line, first, last, half, upright)
             count += 1
         elif door > ZERO:
-            spare = (length - door) / np.float32(8)  # metres of wall that stay on either side, at least
+            spare = (length - door) / np.float32(8)  # minimum metres of wall that remain on either side
             opening = start + spare + uniform(key, PLACE + k) * (length - door - spare - spare)
             place_span(tables, walls[count], line, first, opening, half, upright)
             place_span(tables, walls[count + 1], line, opening + door, last, half, upright)

@@ -1,7 +1,7 @@
-"""Free places: whether two bodies are apart, and a search for where a body can stand.
+"""Free places: whether two bodies are apart, and a search for free places of bodies.
 
-An area is a row of float32: x, y, width, height and angle of a rectangle, metres and radians, and its use, what starts
-in it: `side_use` of a side, `kind_use` of a kind of entities, ITEMS or ANYWHERE.
+An area is a row of float32: x, y, width, height and angle of a rectangle, metres and radians, and its use, the kind of
+entities that start in it: side + 1, `kind_use` of a kind, ITEMS or ANYWHERE.
 """
 
 from typing import Any
@@ -21,11 +21,11 @@ from .points import to_local
 X, Y, WIDTH, HEIGHT, ANGLE, USE, ENTRY = range(7)  # indices into an area; ENTRY: its length
 ANYWHERE, ITEMS, WALL = -2, -1, 0  # uses; side s has the use s + 1, kinds have those from KINDS downwards
 KINDS, KIND_BITS = -16, np.int64(41)  # a kind's use is KINDS less the upper bits of its identities, exact in float32
-MARGIN = np.float32(0.02)  # metres that are left between bodies
-SMALLEST = np.float32(0.1)  # metres: a box is not cut any more once both its half sides are this short
-TRIES = 32  # random places that are tested before all points of a lattice
+MARGIN = np.float32(0.02)  # metres left between bodies
+SMALLEST = np.float32(0.1)  # metres: a box is not cut any more if both its half sides are this short
+TRIES = 32  # random places tested before all points of a lattice
 LATTICE = 40  # points of the lattice along either side of an area
-STRIDE = 20  # indices of draws for one body are 2**20 apart: more than there are entities of a kind
+STRIDE = 20  # indices of draws for one body are 2**20 apart: more than the entities of a kind
 HALF, ONE, ZERO = np.float32(0.5), np.float32(1), np.float32(0)
 
 
@@ -142,7 +142,7 @@ def drawn_area(areas: Array, use: int, share: Real) -> int:
 
 @kernel
 def find_place(tables: Any, e: int, areas: Array, use: int, key: Any) -> bool:
-    """Move body `e` to a random free place in the areas for `use`. False if none is found; it may then be anywhere."""
+    """Move body `e` to a random free place in the areas for `use`. Return False, at any place, if none is found."""
     body, entities = tables[0], tables[2]
     identity = entities.identity[e]
     for t in range(TRIES):
@@ -156,7 +156,7 @@ def find_place(tables: Any, e: int, areas: Array, use: int, key: Any) -> bool:
 
 @kernel
 def scan_places(tables: Any, e: int, areas: Array, use: int, key: Any) -> bool:
-    """Do the same on a lattice, starting at a random point. It finds places that random draws miss, but is slower."""
+    """Do the same on a lattice from a random point. Finds places that random draws miss, but is slower."""
     body, entities = tables[0], tables[2]
     points = areas.shape[0] * LATTICE * LATTICE
     first = int(uniform(key, entities.identity[e] + (2 * TRIES << STRIDE)) * np.float32(points))
@@ -175,14 +175,14 @@ def scan_places(tables: Any, e: int, areas: Array, use: int, key: Any) -> bool:
 
 @kernel
 def fill_floor(area: Array, floor: Array) -> None:
-    """Make an area that covers the whole room."""
+    """Set an area to cover the room."""
     area[:] = 0
     area[WIDTH], area[HEIGHT], area[USE] = floor.size[0], floor.size[floor.size.size - 1], ANYWHERE
 
 
 @kernel
 def has_area(areas: Array, use: int) -> bool:
-    """Return whether there is an area for `use`."""
+    """Return whether an area for `use` exists."""
     for n in range(areas.shape[0]):
         if is_for(areas, n, use):
             return True
@@ -191,7 +191,7 @@ def has_area(areas: Array, use: int) -> bool:
 
 @kernel
 def place_body(tables: Any, e: int, areas: Array, use: int, key: Any, polygons: Any) -> bool:
-    """Move body `e` to a free place; a rectangle is halved until it finds one. False if there is none."""
+    """Move body `e` to a free place; a rectangle is halved until it finds one. Return False if none exists."""
     shape = tables[1]
     if find_place(tables, e, areas, use, key):
         return True
@@ -208,7 +208,7 @@ def place_body(tables: Any, e: int, areas: Array, use: int, key: Any, polygons: 
 
 @kernel
 def measure(wall: Array, walls: Array, half_extents: Array, body: Array, shape: Array) -> None:
-    """Compute half the sides of all bodies' AABBs; those of blocks are kept, as they hold for the whole episode."""
+    """Compute half the sides of all bodies' AABBs; those of blocks are kept, since they do not change in an episode."""
     compute_aabbs(half_extents, body, shape)
     for o in walls:
         wall.half_x[o], wall.half_y[o] = half_extents[ALONG_X, o], half_extents[ALONG_Y, o]
@@ -224,21 +224,21 @@ def add_obstacle(obstacles: Array, e: int) -> None:
 def place_all(
     tables: Any, spawned: Array, side: Array, solids: Array, rows: Any, areas: Array, key: Any, polygons: Any
 ) -> int:
-    """Give a free place to every body that has none: round ones in order of rows, then rectangles, which can be halved.
+    """Move every body without a free place to one: round ones in order of rows, then rectangles, which can be halved.
 
     Args:
         tables: See `is_free`; this function writes the obstacles, `measure` the half sides.
-        spawned: The table of Spawned; bodies that get another place lose their cells.
+        spawned: The table of Spawned; bodies that are moved lose their cells.
         side: The table of Side.
         solids: Rows of all solid bodies.
         rows: Rows of all bodies to place; by row, the index of each among these, and the number of the agent (or -1).
-        areas: The start areas; the last one is the room. Agents start in those of their side, or else of their kind;
-            others in those of their kind, or else of items; who has none starts anywhere.
+        areas: The start areas; the last one is the room. Agents start in those of their side, or of their kind; others
+            in those of their kind, or of items; bodies without an area start anywhere.
         key: Key of random numbers.
         polygons: The table of Polygon, or None.
 
     Returns:
-        How many bodies found no place.
+        Number of bodies without a place.
     """
     entities, obstacles = tables[2], tables[5]
     placed, index, agents = rows

@@ -1,6 +1,6 @@
-"""Rectangles of a layout in plain Python: how far they reach, which overlap, and which floor they leave free.
+"""Rectangles of a layout in plain Python: their extents, overlaps, and the free floor between them.
 
-A rectangle is a tuple of numbers: x and y of its middle, width, height (metres), angle (radians), and maybe more.
+A rectangle is a tuple of numbers: x and y of its middle, width, height (metres), angle (radians), and perhaps more.
 """
 
 import math
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 Rectangle = Sequence[float]
-POINTS = 100  # along either side of a rectangle: by these, free floor is measured
+POINTS = 100  # along either side of a rectangle: free floor is measured by these points
 
 
 def corners(rectangle: Rectangle) -> list[complex]:
@@ -21,7 +21,7 @@ def corners(rectangle: Rectangle) -> list[complex]:
 
 
 def reach(rectangle: Rectangle) -> tuple[float, float]:
-    """Return how far from the origin it reaches along x and along y, metres."""
+    """Return its extents from the origin along x and along y, metres."""
     points = corners(rectangle)
     return max(abs(point.real) for point in points), max(abs(point.imag) for point in points)
 
@@ -50,7 +50,7 @@ def are_free(x: Any, y: Any, blocks: Iterable[Rectangle], sides: tuple[float, fl
 
     Args:
         x: Coordinates of the points, metres.
-        y: Likewise.
+        y: Coordinates of the points along y, metres.
         blocks: The blocks.
         sides: Width and height of the room, metres.
         radius: Radius of the disc, metres.
@@ -68,7 +68,7 @@ def connected(free: Any) -> Any:
     """Return the connected parts of a lattice, in which each free point is connected to its eight neighbours.
 
     Args:
-        free: Which points are free, bool (rows, columns); others are in no part.
+        free: Whether each point is free, bool (rows, columns); others are in no part.
 
     Returns:
         The number of each point's part, from 1 on, int (rows, columns); 0 for points in no part.

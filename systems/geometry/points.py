@@ -38,7 +38,7 @@ def in_kite(
     far than `in_sector`. 0 < half_fov < 180 degrees. Also takes sixteen points at once (ecs.kernels.simd).
     """
     x, y = to_local(px - ox, py - oy, cosine, sine)
-    y = abs(y)  # the kite is its own mirror image: two of its four sides are enough
+    y = abs(y)  # the kite is its own mirror image: two of its four sides suffice
     beside = half_fov_cos * y - half_fov_sin * x
     beyond = half_fov_sin * (x - depth) + (ONE - half_fov_cos) * y
     return (beside <= ZERO) & (beyond <= ZERO)

@@ -1,13 +1,13 @@
-"""Exact questions about bodies: how far apart they are, which are near, what a ray meets, who sees whom.
+"""Exact questions about bodies: distances, neighbours, rays and lines of sight.
 
     def explode(health: Write[Health], bodies: Bodies, agents: Bitset[Side], mines: Rows[Mine], reach: float, ...):
         for mine in mines:
             for k in range(within(bodies, agents, mine, reach)):
                 e = bodies.rows[k]
 
-Bodies are given by their rows, and `members` as a Bitset of the components that count (`bodies.members` is all). Lists
-are in `bodies.rows`, in order, until the next query. Where several bodies are as near, the one with the smallest row
-counts. env.query asks the same from Python.
+Bodies are given by their rows, and `members` as a Bitset of components (`bodies.members`: all bodies). Lists
+are in `bodies.rows`, in order, until the next query. Of equally near bodies, the one with the smallest row
+counts. env.query offers the same to Python.
 """
 
 from typing import Any
@@ -49,13 +49,13 @@ def distance(index: Index, e: int, o: int) -> Real:
 
 @kernel
 def overlap(index: Index, e: int, o: int) -> bool:
-    """Return whether two bodies overlap or touch, whatever their filters say."""
+    """Return whether two bodies overlap or touch, regardless of their filters."""
     return bool(distance(index, e, o) <= ZERO)
 
 
 @kernel
 def around(index: Index, members: Array, x: Real, y: Real, far: Real) -> int:
-    """List the living `members` whose outline is at most `far` metres from a point; return how many there are."""
+    """List the living `members` whose outline is at most `far` metres from a point. Return their number."""
     found = 0
     for k in range(near(index, members, np.float32(x), np.float32(y), np.float32(far))):
         o = index.rows[k]
@@ -66,10 +66,10 @@ def around(index: Index, members: Array, x: Real, y: Real, far: Real) -> int:
 
 @kernel
 def within(index: Index, members: Array, e: int, far: Real) -> int:
-    """List the other living `members` whose outline is at most `far` metres from that of body `e`; 0: that overlap it.
+    """List the other living `members` whose outline is at most `far` metres from that of body `e`; 0: overlaps.
 
     Returns:
-        How many there are.
+        Their number.
     """
     found, reach = 0, outer_radius(index.shape, e) + np.float32(far)
     for k in range(near(index, members, index.body.x[e], index.body.y[e], reach)):
@@ -98,7 +98,7 @@ def first_on_ray(index: Index, members: Array, x: Real, y: Real, dx: Real, dy: R
     A body that contains (x, y) is not entered.
 
     Returns:
-        Its row, and the fraction of the ray at which it is entered; -1 and NO_HIT, 2, if there is none.
+        Its row, and the fraction of the ray at which it is entered; -1 and NO_HIT, 2, without a hit.
     """
     found, first = NOBODY, NO_HIT
     x, y, dx, dy = np.float32(x), np.float32(y), np.float32(dx), np.float32(dy)
@@ -114,7 +114,7 @@ def first_on_ray(index: Index, members: Array, x: Real, y: Real, dx: Real, dy: R
 def line_of_sight(index: Index, blockers: Array, e: int, o: int) -> bool:
     """Return whether none of the other living `blockers` is between the centre of body `e` and the outline of `o`.
 
-    Whoever has its centre inside of `o` does not see it. Unlike the cameras, it looks around, and as far as need be.
+    From a centre inside of `o`, the result is False. Unlike for cameras, direction and distance do not matter.
     """
     body, shape, polygons = index.body, index.shape, index.polygons
     x, y, dx, dy, reach = ray_to(body, shape, polygons, e, o)
@@ -135,7 +135,7 @@ def ray_to(body: Array, shape: Array, polygons: Any, e: int, o: int) -> tuple[Re
 
 @kernel
 def _gap(index: Index, e: int, x: Real, y: Real) -> Real:
-    """Return the metres from the outline of body `e` to a point; inside, minus those to the nearest side."""
+    """Return the metres from the outline of body `e` to a point; inside, negative: to the nearest side."""
     body, shape, polygons = index.body, index.shape, index.polygons
     if shape.radius[e] > ZERO:
         dx, dy = x - body.x[e], y - body.y[e]
@@ -166,7 +166,7 @@ def _beyond(index: Index, e: int, o: int) -> bool:
 
 @kernel
 def _corner_at(index: Index, e: int, k: int) -> tuple[Real, Real]:
-    """Return where corner k of body `e` is."""
+    """Return the position of corner k of body `e`."""
     body, (along, across) = index.body, corner(index.shape, index.polygons, e, k)
     x = body.x[e] + body.cosine[e] * along - body.sine[e] * across
     return x, body.y[e] + body.sine[e] * along + body.cosine[e] * across

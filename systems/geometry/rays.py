@@ -5,7 +5,7 @@ Pure float32 scalar kernels. All lengths share one unit; box angles are given as
 is never hit.
 
 Formulas follow Box2D 2.3: b2CircleShape::RayCast, b2PolygonShape::RayCast and ::TestPoint. Box2D takes a ray's
-end points, so its direction is the rounded (o + d) - o. Keeping that rounding costs a nanosecond, and makes
+end points, so its direction is the rounded (o + d) - o. This rounding costs a nanosecond, and makes
 the rays bit-identical to Box2D's (if neither compiler fuses multiply and add).
 """
 
@@ -18,7 +18,7 @@ from outlast.ecs.kernels.jit import noinline_kernel
 
 from .points import to_local
 
-NO_HIT = np.float32(2.0)  # any number above 1: then min(fraction) over the shapes needs no flag beside it
+NO_HIT = np.float32(2.0)  # any number above 1, so that min(fraction) over shapes needs no flag
 ZERO = np.float32(0.0)
 ONE = np.float32(1.0)
 EPSILON = np.float32(1.1920929e-07)  # b2_epsilon; squared length below which a ray has no direction
@@ -72,7 +72,7 @@ def ray_box(
     sx, sy = ox - cx, oy - cy
     beside, reach = sx * dy - sy * dx, half_width + half_height
     # Not in Box2D: most rays pass far from the centre, and a branch that mostly goes one way makes the kernel
-    # twice as fast. Reach exceeds the half diagonal by far more than rounding can err.
+    # twice as fast. Reach exceeds the half diagonal by far more than rounding errors.
     if beside * beside > (dx * dx + dy * dy) * (reach * reach):
         return NO_HIT
     x, y = to_local(sx, sy, cosine, sine)

@@ -1,6 +1,6 @@
-"""Climbing: who runs up a ramp is aloft for a while, and passes over walls and things, and sees over them.
+"""Climbing: an agent that runs up a ramp is aloft for a while: it passes over walls and things, and sees over them.
 
-There is no third dimension. The published game has walls that a ramp reaches to the top of, and agents that fall from
+The game is two-dimensional. The published game has walls that a ramp reaches to the top of, and agents that fall from
 them; here an agent is either on the ground or aloft, and comes down where it has room.
 """
 
@@ -39,7 +39,7 @@ from outlast.systems.geometry.points import to_local
 from outlast.systems.geometry.queries import line_of_sight, within
 from outlast.systems.observation_rows import more_fields
 
-AGENTS = 2  # their layer; walls and things are in layer 1, as they have no filter of their own
+AGENTS = 2  # their layer; walls and things are in layer 1, which have no filter of their own
 START = np.float32(0.2)  # metres before the low edge of a ramp where an agent begins to climb, beyond its own radius
 
 
@@ -48,7 +48,7 @@ class Climbing(Module):
     """An agent that moves onto the low edge of a ramp, towards its high edge, is aloft from then on.
 
     It comes down `ticks` ticks after it has left the ramp, or later, as long as it is above a wall or a thing. Agents
-    that are aloft touch only agents. They see over what is low, and are seen over it.
+    that are aloft touch only agents. They see over walls and things, and are seen over them.
     """
 
     ticks: int = number(
@@ -73,12 +73,12 @@ class Climbing(Module):
         return {"own": {"aloft": (0, self.ticks)}}
 
     def looks(self) -> Mapping[str, Look]:
-        """Return looks: a ring around who is aloft."""
+        """Return looks: a ring around agents aloft."""
         return {"agent": Look(ring=Aloft.ticks)}
 
     def check(self, layout: Layout) -> None:
         if layout.numbers("cameras").get("cone", "sector") != "sector":
-            raise NumberError("climbing: it knows sectors only; set cameras_cone='sector'")
+            raise NumberError("climbing requires vision sectors: set cameras_cone='sector'")
 
 
 @kernel
@@ -107,7 +107,7 @@ def climb(
     bodies: Bodies,
     ticks: int,
 ) -> None:
-    """Lift agents up, and let them down where they have room."""
+    """Lift agents up, and bring them down where they have room."""
     for e in agents:
         left, most, above, on_ramp = aloft.ticks[e], of(ticks, e), False, False
         if left > 0:
@@ -137,7 +137,7 @@ def see_over(
     cameras_fov: float,
     cameras_depth: float,
 ) -> None:
-    """Let agents see from above, and whoever is above, past all but other agents."""
+    """Make agents aloft see, and be seen, past everything but other agents."""
     for i in range(agents.size):
         me = agents[i]
         if not entities.alive[me]:
@@ -154,7 +154,7 @@ def see_over(
 def look(
     sight: Any, body: Any, entities: Any, high: Any, bodies: Any, i: int, me: int, e: int, fov: Any, depth: Any
 ) -> None:
-    """Show `e` to agent `me`, number `i`, if it is alive, in its vision cone, and no agent is in between."""
+    """Show `e` to agent `me`, number `i`, if it is alive, in its vision cone, and not behind another agent."""
     x, y = to_local(body.x[e] - body.x[me], body.y[e] - body.y[me], body.cosine[me], body.sine[me])
     far = math.sqrt(x * x + y * y)
     if entities.alive[e] and far <= depth and x >= far * math.cos(fov / 2) and line_of_sight(bodies, high, me, e):
@@ -163,7 +163,7 @@ def look(
 
 @kernel
 def above(i: int, e: int, aloft: Read[Aloft]) -> int:
-    """Return for how many ticks an agent stays aloft."""
+    """Return the remaining ticks of an agent aloft."""
     return int(aloft.ticks[e])
 
 

@@ -1,4 +1,4 @@
-"""Hiding: who is seen, what that pays, who has won, and what the published environments record of an episode."""
+"""Hiding: visible hiders, rewards, the winner, and the statistics of the published environments."""
 
 import math
 from collections.abc import Iterable
@@ -150,7 +150,7 @@ def track(
     bodies: Bodies,
     preparation_ticks: int,
 ) -> None:
-    """Record who handles what, how far things have come, how many are locked, and which doors are closed."""
+    """Record the handling, the motion and the locks of things, and closed doors."""
     for e in agents:
         if welds.other[e] >= 0:
             tracked.held[side.side[e]] += 1
@@ -169,7 +169,7 @@ def track(
         else:
             moved, locked = (moved[0], max(moved[1], far)), (locked[0], locked[1] + own)
     if doors is not None:
-        for k in range(doors.open.size):  # closed if an agent in the middle of the door would touch something
+        for k in range(doors.open.size):  # closed if an agent in the middle of the door would touch a thing
             if doors.open[k]:
                 closed += around(bodies, members, doors.x[k], doors.y[k], shape.radius[agents[0]]) > 0
     for moment in range(int(clock.tick[0] > preparation_ticks), MOMENTS):

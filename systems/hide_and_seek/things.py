@@ -36,7 +36,7 @@ from outlast.systems.observation_rows import MOTION, more_fields, rows
 
 KINDS = ("crate", "plank", "ramp")
 LONG, THIN, SLOPE = 3.3, 0.3, 1.5  # sides of planks, and the length of ramps, in sides of a crate
-GRABS = -2  # in place of a lock: whatever can be held
+GRABS = -2  # instead of a lock: any thing that can be held
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ class Things(Module):
 
 @Things.system(Phase.SPAWN, after=Body)
 def remember_start(movable: Write[Movable], body: Read[Body], things: Rows[Movable]) -> None:
-    """Note where everything stands."""
+    """Record the start positions of all things."""
     for e in things:
         movable.start_x[e], movable.start_y[e] = body.x[e], body.y[e]
 
@@ -102,7 +102,7 @@ class Handling(Module):
     """Agents hold and lock the nearest thing that they see and reach (manipulation.py of the published environments).
 
     Several may hold one thing. A locked thing stands still until an agent of the side that has locked it unlocks it;
-    whoever held it lets go. Who is aloft handles nothing.
+    holders let go of it. Agents aloft do not handle things.
     """
 
     reach: float = number(
@@ -123,15 +123,15 @@ class Handling(Module):
         return {"own": {"holds": (0, 1)}, "crates": things, "ramps": things}
 
     def looks(self) -> Mapping[str, Look]:
-        """Return looks: a line from an agent to what it holds."""
+        """Return looks: a line from an agent to the thing that it holds."""
         return {"agent": Look(line_to=Weld.other)}
 
 
 @kernel
 def pick(bodies: Any, things: Array, sight: Array, movable: Array, i: int, e: int, reach: Any, lock: int) -> int:
-    """Return the nearest thing that agent `e`, number `i`, sees, reaches, and can handle; NOBODY if there is none.
+    """Return the nearest thing that agent `e`, number `i`, sees, reaches, and can handle; NOBODY without one.
 
-    lock: by whom it must be locked; NOBODY: one to lock; GRABS: one to hold.
+    lock: the side by which it must be locked; NOBODY: a thing to lock; GRABS: a thing to hold.
     """
     found, least = NOBODY, np.float32(reach)
     for k in range(within(bodies, things, e, reach)):
@@ -171,7 +171,7 @@ def handle(
     bodies: Bodies,
     reach: float,
 ) -> None:
-    """Lock and unlock, in order of agents; then let go and take hold. Physics does the rest."""
+    """Lock and unlock, in order of agents; then let go and take hold. Physics moves held things."""
     for i in range(agents.size):
         e, wants = agents[i], action.lock[i]
         if wants == 0 or not is_able(entities, aloft, e):
@@ -214,7 +214,7 @@ def mask(
     bodies: Bodies,
     reach: float,
 ) -> None:
-    """Mark who can hold nothing, and who can neither lock nor unlock anything, by the rule of `handle`."""
+    """Mark agents that cannot hold a thing, or cannot lock or unlock one, by the rule of `handle`."""
     for i in range(agents.size):
         e = agents[i]
         near = is_able(entities, aloft, e) and within(bodies, things, e, reach) > 0
@@ -226,13 +226,13 @@ def mask(
 
 @kernel
 def holds(i: int, e: int, welds: Read[Weld]) -> int:
-    """Return whether agent `e` holds something."""
+    """Return whether agent `e` holds a thing."""
     return 1 if welds.other[e] >= 0 else 0
 
 
 @kernel
 def held(i: int, thing: int, welds: Read[Weld], agents: Rows[Weld]) -> int:
-    """Return whether somebody holds a thing."""
+    """Return whether any agent holds a thing."""
     for e in agents:
         if welds.other[e] == thing:
             return 1
@@ -241,7 +241,7 @@ def held(i: int, thing: int, welds: Read[Weld], agents: Rows[Weld]) -> int:
 
 @kernel
 def locked(i: int, thing: int, movable: Read[Movable], side: Read[Side], agents: Rows[Weld]) -> int:
-    """Return 1 if the side of agent number `i` has locked a thing, -1 if another one has, and else 0."""
+    """Return 1 if the side of agent number `i` has locked a thing, -1 if another one has, otherwise 0."""
     owner = movable.locked_by[thing]
     return 0 if owner < 0 else 1 if owner == side.side[agents[i]] else -1
 

@@ -58,7 +58,7 @@ OTHERS: dict[str, Any] = {  # where another value than a little less is one that
     "boxes_least": 0.4, "agents_radius": 0.4, "heals_radius": 0.1, "melee_reach": 1.5, "cameras_depth": 2.0,
 }  # fmt: skip
 READ, RUNS = r"{}\(\) reads it when worlds are made", r"{}\.systems\(\) reads it: it decides which systems run"
-KINDS, BESIDE = READ.format("archetypes"), "means nothing beside"
+KINDS, BESIDE = READ.format("archetypes"), "has no effect beside"
 REFUSED = {
     "inventory_slots": READ.format("dims"), "spawn_grid_cells": READ.format("dims"), "room_size": KINDS,
     "maze_columns": KINDS, "maze_rows": KINDS, "maze_blocks": KINDS, "rooms_columns": KINDS, "rooms_rows": KINDS,
@@ -66,7 +66,7 @@ REFUSED = {
     "room_height": f"{KINDS}|{BESIDE}", "preparation_frozen": RUNS.format("Preparation"),
     "preparation_blind": RUNS.format("Preparation"), "physics_backend": RUNS.format("Physics"),
     "teams_count": f"{READ.format('dims')}|are 2 teams, but teams.count is 1",
-    "ending_rule": "agents come back, so an episode", "teams_sizes": "all tuples must have one length",
+    "ending_rule": "agents return, so the death", "teams_sizes": "all tuples must have one length",
 }  # fmt: skip
 
 

@@ -120,7 +120,7 @@ def test_teams_have_their_sizes() -> None:
     ("numbers", "message"),
     [
         ({"teams_sizes": (1, 1, 2)}, r"\(1, 1, 2\) are 3 teams, but teams.count is 2: set both, as in replace"),
-        ({"teams_sizes": (1.5, 2.5)}, "1.5 is no number of agents; take whole numbers"),
+        ({"teams_sizes": (1.5, 2.5)}, "1.5 is not a number of agents; take integers"),
         ({"teams_sizes": (0, 4)}, "must be >= 1"),
         ({"teams_sizes": (1, 4)}, r"\(1, 4\) are 5 agents, but n_agents is 4: take replace\(n_agents=5\)"),
     ],

@@ -271,7 +271,7 @@ def test_numbers_can_be_drawn_anew_in_every_episode() -> None:
         ("--with Boxes(count=3) --set n_boxes=4", "--set boxes_count: --with has it, too; say one of them"),
         ("--with DropLast(offset=1.0,offset=2.0)", "numbers are given as in .*, each once"),
         ("--layout mazze", "layout mazze: No such file or directory; did you mean maze"),
-        ("--set room_size=20 --set room_width=30 --set room_height=30", "room.size = 20 means nothing beside"),
+        ("--set room_size=20 --set room_width=30 --set room_height=30", "room.size = 20 has no effect beside"),
         ("--vary melee_damage=integer(5,9)", "is no distribution: did you mean integers"),
         ("--without zon", "ffa_2 has no module 'zon'; it has: agents, "),
         ("--with DropLas", "there is no mechanic DropLas; did you mean DropLast"),

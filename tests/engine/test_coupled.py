@@ -59,7 +59,7 @@ GROW, LIGHTEN = "shape.half_width[e] += np.float32(0.1)", "solid.density[e] = np
         ),
         ("body.angle[e] += np.float32(0.1)", Phase.SPAWN, "Body.angle, but not cosine and sine"),
         ("body.sine[e] = -body.sine[e]", Phase.MOVE, "Body.sine, but not angle and cosine"),
-        (GROW, Phase.MOVE, "Shape.half_width, but not bound, .* how close to walls it may stand$"),
+        (GROW, Phase.MOVE, "Shape.half_width, but not bound, .* its distance to walls$"),
         (LIGHTEN, Phase.MOVE, "Solid.density, but not mass and inertia, .*: by itself, it changes nothing$"),
         (
             "bag.count[e] = 0",

@@ -160,7 +160,7 @@ def test_roles_without_numbers_are_names() -> None:
 
 role = outlast.role
 REFUSED: list[tuple[Mapping[str, Any], str]] = [
-    ({"a": role(1), "b": role(2)}, "1 a + 2 b are 3 agents, but n_agents is 5: say replace"),
+    ({"a": role(1), "b": role(2)}, "1 a + 2 b are 3 agents, but n_agents is 5: take replace"),
     ({"a": role(5), "b": role()}, r"5 a \+ at least 1 b are 6 agents"),
     ({"a": role(agents=(5,)), "b": role()}, "role a: agent 5 does not exist, only 0 to 4"),
     ({"a": role(agents=(1,)), "b": role(agents=(1, 2))}, "agent 1 is in two roles"),

@@ -32,7 +32,7 @@ from tests.helpers.naive_walls import free_parts
 
 Array = np.ndarray[Any, Any]
 SLOP = 0.02  # metres by which Box2D lets bodies overlap, also as it pushes them apart late
-NO_ROOM = ("wide, and agents", "do not fit", "must stay", "free place")  # in errors about passages or bodies: no room
+NO_ROOM = ("wide, but agents", "do not fit", "must stay", "free place")  # in errors about passages or bodies: no room
 BLOCKS = 8  # rectangles of a random floor plan
 
 

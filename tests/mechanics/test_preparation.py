@@ -104,10 +104,10 @@ def test_every_episode_begins_with_it() -> None:
 
 REFUSED: dict[str, tuple[dict[str, Any], str]] = {
     "nothing": ({"frozen": False}, "preparation.frozen and preparation.blind are both False"),
-    "a third side": ({"sides": (2,)}, "there is no side 2; take some of 0 to 1"),
-    "a side twice": ({"sides": (0, 0)}, "a side stands twice"),
-    "half a side": ({"sides": (0.5,)}, "there is no side 0.5"),
-    "without cameras": ({"blind": True}, "agents see everything, as there are no cameras"),
+    "a third side": ({"sides": (2,)}, "side 2 does not exist; take sides from 0 to 1"),
+    "a side twice": ({"sides": (0, 0)}, "a side occurs twice"),
+    "half a side": ({"sides": (0.5,)}, "side 0.5 does not exist"),
+    "without cameras": ({"blind": True}, "agents see everything, as cameras are missing"),
 }
 
 

@@ -170,7 +170,7 @@ def test_nobody_comes_back_into_a_full_room() -> None:
 
 
 def test_an_episode_with_respawn_has_a_limit() -> None:
-    with pytest.raises(NumberError, match='say replace\\(ending_rule="never", ending_limit=1000\\)'):
+    with pytest.raises(NumberError, match='take replace\\(ending_rule="never", ending_limit=1000\\)'):
         make_vec(variant("ffa_1").with_(Respawn()), 1)
     with pytest.raises(NumberError, match=r'ending\.rule = "never" without a limit: .* set ending_limit'):
         make_vec("ffa_1", 1, ending_rule="never")

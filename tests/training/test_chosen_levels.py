@@ -136,7 +136,7 @@ def test_what_are_no_levels_is_refused(returned: Any, reason: str) -> None:
 
 
 def test_what_cannot_choose_is_refused() -> None:
-    with pytest.raises(TrainingError, match=r"levels = 'levels.json': a function is needed"):
+    with pytest.raises(TrainingError, match=r"levels = 'levels.json': must be a function"):
         config("levels.json")
     with pytest.raises(TrainingError, match="the levels function runs in one process only"):
         config(fixed, processes=2)

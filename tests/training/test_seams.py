@@ -246,15 +246,15 @@ def mean(batch: Any) -> Any:
         ({"loss": lambda batch: batch.mean(batch.returns)}, "a tensor without axes, computed from the netw"),
         ({"loss": lambda batch: (mean(batch), {"values": batch.values})}, "figure 'values' must be one number"),
         ({"loss": lambda batch: (mean(batch), {"approx_kl": 1.0})}, "figure 'approx_kl', which is always logged"),
-        ({"loss": lambda batch: (mean(batch), [1.0])}, r"figures \[1.0\]: a dict by names"),
+        ({"loss": lambda batch: (mean(batch), [1.0])}, r"figures \[1.0\]: they must be a dict by names"),
         ({"loss": lambda batch: (mean(batch), {f"f{id(batch)}": 1.0})}, "returns different figures than before"),
         ({"loss": "squared"}, "loss = 'squared': must be a function that takes a batch"),
         ({"loss": lambda batch: mean(batch), "processes": 2}, r"loss = .*<lambda> cannot be imported"),
         ({"networks": NoLogs}, "NoLogs does not return log probabilities"),
-        ({"networks": WideValues}, r"WideValues returns tensors of shapes .* are needed"),
+        ({"networks": WideValues}, r"WideValues returns tensors of shapes .* must be"),
         ({"networks": Rows}, "networks = .*Rows.*: must be a subclass of outlast.training.policies.policy.Networks"),
         ({"networks": lambda *sizes, **given: None}, "networks = .*<lambda> cannot be imported"),
-        ({"networks": 3}, "networks = 3: a subclass of"),
+        ({"networks": 3}, "networks = 3: must be a subclass of"),
     ],
 )
 def test_other_losses_and_networks_are_refused(given: dict[str, Any], words: str) -> None:

@@ -132,7 +132,7 @@ def _agent(task: Task, entries: Sequence[Result]) -> Scores:
         for match in entry.matches:
             name = match["against"]
             if name in members and match["opponent"] != members[name].digest:
-                raise TrainingError(f"{entry.folder}: its {name} is not the one of the suite")
+                raise TrainingError(f"{entry.folder}: its opponent {name} is not the one of the suite")
     _check_trainings(entries)
     rates = {game.name: [_suite_rate(entry, game.name, members) for entry in entries] for game in task.games}
     outside = [name for name in rates if name != TRAINED]
