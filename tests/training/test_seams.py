@@ -153,7 +153,7 @@ def test_sides_have_networks_and_numbers_of_their_own(tmp_path: Path) -> None:
     with pytest.raises(TrainingError, match="begun with settings = "):
         trained("parts", 4, resume=True, settings=seekers | {"seeker:n_epochs": 4})
     for given, words in (
-        ({"settings": {"seekr:n_epochs": 4}}, "there is no policy 'seekr' to train; did you mean seeker"),
+        ({"settings": {"seekr:n_epochs": 4}}, "unknown policy 'seekr'; did you mean seeker"),
         ({"networks": {"finder": Pooled}}, "networks: unknown policy 'finder'; did you mean hider"),
         ({"settings": {"seeker:gamma": 0.9}}, "seeker:gamma: all policies share gamma"),
         ({"policies": "shared"}, "of one side need policies of their own: take policies = 'side'"),
@@ -198,10 +198,10 @@ def test_sides_have_presets_of_their_own(tmp_path: Path) -> None:
         one, other = rollout.seen[preset(name).form].select(first), there.select(first)
         assert all(torch.equal(getattr(one, part), getattr(other, part)) for part in parts)
     for given, words in (
-        ({"preset": "fast,seekr:paper"}, "preset: there is no policy 'seekr' to train; did you mean seeker"),
+        ({"preset": "fast,seekr:paper"}, "preset: unknown policy 'seekr'; did you mean seeker"),
         ({"preset": "seeker:paper"}, "one for all other sides is needed, too, as in fast,seeker:paper"),
         ({"preset": "fast,seeker:paper,seeker:scaled"}, "seeker cannot have both paper and scaled"),
-        ({"policies": "shared"}, "for one side, but all have one policy: take policies = 'side'"),
+        ({"policies": "shared"}, "of one side need policies of their own: take policies = 'side'"),
     ):
         with pytest.raises(ValueError, match=words):
             trained("other", 1, **given)

@@ -278,8 +278,7 @@ class TrainingConfig:
         apart = isinstance(self.networks, Mapping) or len(self.numbers_by_policy) > 1
         if apart and self.policies == "shared":
             raise TrainingError(
-                "a preset, networks or numbers of PPO are given for one side, but all have one policy: take policies = "
-                "'side'"
+                "a preset, networks or numbers of PPO of one side need policies of their own: take policies = 'side'"
             )
 
     def header(self) -> Header:
