@@ -30,7 +30,7 @@ class ActionError(OutlastError, error.InvalidAction, ValueError):
 
 
 class NotResetError(OutlastError, error.ResetNeeded, RuntimeError):
-    """A call that needs a running episode where there is none."""
+    """A call that needs a running episode."""
 
 
 class ClosedError(OutlastError, error.ClosedEnvironmentError, RuntimeError):
@@ -51,7 +51,7 @@ class FaultError(OutlastError, RuntimeError):
 
 
 class EndlessError(OutlastError, RuntimeError):
-    """A request for whole episodes of which one does not end."""
+    """A request for complete episodes, one of which does not end."""
 
 
 class ScenarioError(OutlastError, ValueError):

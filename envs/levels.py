@@ -59,8 +59,8 @@ class Level:
         key: Any = in_python(self.key)
         if key is None:
             return
-        whole = type(key) is tuple and len(key) == 3 and all(type(each) is int and 0 <= each < MOST for each in key)
-        if not (whole and key[2]):  # episode 0 means that a world has not begun
+        valid = type(key) is tuple and len(key) == 3 and all(type(each) is int and 0 <= each < MOST for each in key)
+        if not (valid and key[2]):  # episode 0 means that a world has not begun
             raise NumberError(f"key = {self.key!r}: seed, world and episode are needed, from 0, 0 and 1 to 2**64 - 1")
         object.__setattr__(self, "key", key)
 
@@ -100,7 +100,7 @@ def save(path: str | os.PathLike[str], scenario: Scenario | str, levels: Iterabl
 
     Args:
         path: The file; an existing one is replaced.
-        scenario: The scenario that they are levels of, or its name; the file says what it varies.
+        scenario: The scenario of the levels, or its name; the file has its varied numbers.
         levels: The levels.
 
     Raises:
@@ -138,14 +138,14 @@ def load(path: str | os.PathLike[str], scenario: Scenario | str) -> list[Level]:
         strict_json.check_keys(content, KEYS)
         varied = content["varied"]
         if not isinstance(content["levels"], list):
-            raise ScenarioError("its levels are no list")
+            raise ScenarioError("its levels are not a list")
         if not isinstance(varied, dict) or not all(isinstance(text, str) for text in varied.values()):
             raise ScenarioError("what varied is not given as texts by name")
         for each in content["levels"]:
             strict_json.check_keys(each, LEVEL_KEYS)
         found = decoded(content["levels"])
     except strict_json.BROKEN as error:
-        raise ScenarioError(f"{path} is no file of levels: {error}") from None
+        raise ScenarioError(f"{path} is not a file of levels: {error}") from None
     try:
         _check_playable(found, scenario)
     except NumberError as error:

@@ -23,7 +23,7 @@ T = TypeVar("T")
 class Messages:
     """A text stream for messages, on which no result depends: text that cannot be written is dropped.
 
-    So work goes on if there is no standard error, if it is a pipe that nobody reads, or if its terminal is gone.
+    So work continues without standard error, with a pipe that is not read, or after its terminal is closed.
     """
 
     def __init__(self, stream: TextIO | None) -> None:
@@ -146,7 +146,7 @@ class Progress:
         self.close()
 
     def below(self, columns: int) -> list[str]:
-        """Return the lines below the bar, of at most so many columns."""
+        """Return the lines below the bar, of at most `columns` columns."""
         return []
 
     def beside(self) -> list[str]:

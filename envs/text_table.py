@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import zip_longest
 
 GAP = 2  # characters between columns
-LEAST = 30  # characters: if the last column of words has no room for so many, it is written below its row
+LEAST = 30  # characters: if the last column of words has less room, it is written below its row
 INDENT = 4  # of what is written below a row
 
 Row = Sequence[str]

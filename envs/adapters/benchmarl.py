@@ -106,7 +106,7 @@ class OutlastClass(TaskClass):  # type: ignore[misc]  # untyped
         return Composite({"state": env.full_observation_spec_unbatched["state"].clone()})
 
     def info_spec(self, env: SurvivalTorchEnv) -> None:
-        """Return None, as there is no info."""
+        """Return None: the environments have no info."""
         return None
 
     @staticmethod
@@ -145,7 +145,7 @@ def task(scenario: str | Scenario, **config: Any) -> OutlastClass:
         config: Arguments of `outlast.adapters.make_torchrl`, except those in TAKEN, and numbers of the scenario.
 
     Raises:
-        ScenarioError: There is no scenario of that name.
+        ScenarioError: The scenario is unknown.
         ValueError: An argument is in TAKEN.
     """
     found = resolve(scenario)

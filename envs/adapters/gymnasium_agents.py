@@ -44,7 +44,7 @@ class SurvivalAgentVectorEnv(PerAgentVectorEnv):
     learner may drop the steps of dead agents. When worlds end, info["statistics"] describes their episodes, (num_envs,)
     by key: each agent's own "return", its side's "kills", its world's "length", ...; its mask is info["_statistics"].
 
-    If the number of agents varies, info["present"], bool (num_envs,), says whether the episode has the agent. An absent
+    If the number of agents varies, info["present"], bool (num_envs,), is whether the episode has the agent. An absent
     agent is not alive, has observations and rewards of 0, and no statistics; its sub-environment ends with its world.
 
     ## Version History

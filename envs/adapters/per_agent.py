@@ -84,7 +84,7 @@ class OneWorldAdapter(Adapter):
     render: Callable[[], Any]
 
     def state(self) -> Array:  # type: ignore[override]
-        """Return the whole world, even what no agent sees, float32 (size,); see SurvivalVectorEnv.state."""
+        """Return the complete world, also what no agent sees, float32 (size,); see SurvivalVectorEnv.state."""
         state: Array = self.base_env.state()[0]
         return state
 
@@ -168,7 +168,7 @@ class PerAgentVectorEnv(Adapter, VectorEnv[Arrays, Actions, Array]):
                 integer for each sub-environment, equal ones for the agents of a world, and keys that world by
                 (integer, 0). None: every world goes on to its next episode.
             options: {"reset_mask": bool (num_envs,)} resets the worlds of these sub-environments only; all agents of a
-                world must have the same entry. There are no other options.
+                world must have the same entry. Other options do not exist.
 
         Returns:
             Observations, float32 (num_envs, ...), and info, with "alive" for the agents whose worlds were reset.

@@ -167,7 +167,7 @@ class SurvivalPufferEnv(Adapter, PufferEnv):  # type: ignore[misc]  # untyped, s
         return self._beginning()
 
     def render(self) -> Any:
-        """Draw world 0 as uint8 (height, width, 3), RGB, or text, as render_mode says. NotResetError before reset()."""
+        """Draw world 0 as uint8 (height, width, 3), RGB, or text, by render_mode. NotResetError before reset()."""
         if self.render_mode is None:
             raise ValueError(f"render() needs an environment made with a render_mode: {' or '.join(RENDER_MODES)}")
         self.base_env._check_running("render")

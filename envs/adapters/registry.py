@@ -1,7 +1,7 @@
 """Registration of all scenarios with Gymnasium and PettingZoo. Adapters are imported when an environment is made.
 
 Gymnasium: ``gymnasium.make("outlast/Teams-v1")`` and ``gymnasium.make_vec("outlast/Teams-v1", 64)``. The ids
-``outlast/FreeForAll-v1`` and ``outlast/Teams-v1`` are the variants ``ffa_3`` and ``teams_3`` unless ``scenario=`` says
+``outlast/FreeForAll-v1`` and ``outlast/Teams-v1`` are the variants ``ffa_3`` and ``teams_3`` unless ``scenario=`` gives
 otherwise; ``outlast/FreeForAll1-v1`` ... ``outlast/Teams4-v1`` are the eight variants. Gymnasium has no entry point for
 plug-ins: import outlast first, or let Gymnasium do so with ``gymnasium.make("outlast:outlast/Teams-v1")``.
 

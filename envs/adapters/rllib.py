@@ -108,7 +108,7 @@ class SurvivalMultiAgentEnv(OneWorldAdapter, MultiAgentEnv):  # type: ignore[mis
 def _world(config: Any) -> int:
     """Return the number of the world of this copy of the environment; 0 outside of RLlib.
 
-    It has to differ, or copies would play the same episodes. RLlib does not tell them apart: all copies in a worker get
+    It has to differ, or copies would play the same episodes. To RLlib they are equal: all copies in a worker get
     the same context object, and when RLlib checks environments, it gives all copies in all workers the same seed, from
     which they go on if the run has none.
     """

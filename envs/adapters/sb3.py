@@ -212,7 +212,7 @@ class SurvivalVecEnv(Adapter, VecEnv):  # type: ignore[misc]  # mypy does not fo
         return observations
 
     def env_is_wrapped(self, wrapper_class: type[Any], indices: Any = None) -> list[bool]:
-        """Return False, always: there are no single environments that could be wrapped."""
+        """Return False: single environments, which could be wrapped, do not exist."""
         return [False for _ in self._chosen(indices)]
 
     def get_images(self) -> list[Array]:
@@ -239,7 +239,7 @@ class SurvivalVecEnv(Adapter, VecEnv):  # type: ignore[misc]  # mypy does not fo
         from ..rendering.rgb import draw  # imported here, as training needs no OpenCV
 
         if self.render_mode is None:
-            raise ValueError("there are no pictures without a render_mode: make_sb3(..., render_mode='rgb_array')")
+            raise ValueError("pictures need a render_mode: make_sb3(..., render_mode='rgb_array')")
         self.base_env._check_running("render")
         drawn: dict[int, Array] = {}
         return [drawn[w] if w in drawn else drawn.setdefault(w, draw(self.base_env.worlds, w)) for w in worlds]

@@ -96,7 +96,7 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
     (group, mask)        bool (worlds, n): whether the agent is alive
     (group, present)     bool (worlds, n): whether the episode has the agent; only if the number of agents varies
     (group, reward)      float32 (worlds, n, 1)
-    state                float32 (worlds, size): the whole world, for critics; see SurvivalVectorEnv.state
+    state                float32 (worlds, size): the complete world, for critics; see SurvivalVectorEnv.state
     done, terminated,    bool (worlds, 1): worlds end for all of their agents at once. The dead stay until then, with
     truncated            the rewards of the scenario; their actions are ignored
     ==================== ========================================================================================
@@ -237,7 +237,7 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
         """Return what TorchRL gets from a reset, and from a step, which has rewards, too."""
         flags = {key: torch.from_numpy(values) for key, values in self.vector_env._presence().items()}
         flags["mask"] = flags.pop("alive")
-        told: dict[str, Any] = {"state": out["state"]}
+        data: dict[str, Any] = {"state": out["state"]}
         for group, own in self._members.items():
             parts = {
                 "observation": each(out["observations"], lambda array: array[:, own]),  # noqa: B023
@@ -247,10 +247,10 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
                 parts["action_mask"] = out["action_mask"][:, own]
             if more:
                 parts["reward"] = out["rewards"][:, own, None]
-            told[group] = TensorDict(parts, batch_size=(*self.batch_size, len(self.group_map[group])))
-        told |= {name: out[name][:, None] for name in ("terminated", "truncated")}
-        told["done"] = told["terminated"] | told["truncated"]
-        return TensorDict(told, batch_size=self.batch_size).to(self.device)
+            data[group] = TensorDict(parts, batch_size=(*self.batch_size, len(self.group_map[group])))
+        data |= {name: out[name][:, None] for name in ("terminated", "truncated")}
+        data["done"] = data["terminated"] | data["truncated"]
+        return TensorDict(data, batch_size=self.batch_size).to(self.device)
 
     def close(self, *, raise_if_closed: bool = True) -> None:
         """Close the worlds and their threads."""
@@ -313,5 +313,5 @@ def _flags(shape: tuple[int, ...], device: Any) -> Any:
 
 
 def _empty(shape: Sequence[int], dtype: Any = torch.float32) -> Any:
-    """Return an empty tensor for worlds to write into, whatever PyTorch's default type and device are."""
+    """Return an empty tensor for worlds to write into, for any default type and device of PyTorch."""
     return torch.empty(tuple(shape), dtype=dtype, device="cpu")

@@ -98,7 +98,7 @@ def film(
         The path of the film.
 
     Raises:
-        ScenarioError: There is no such scenario.
+        ScenarioError: The scenario is unknown.
         NumberError: A number is out of its range, or does not exist (then it is a KeywordError).
         UsageError: A policy does not exist or cannot play there.
         RecordingError: The recording is damaged or cannot be replayed.
@@ -107,7 +107,7 @@ def film(
         TypeError: A layer is not a layer.
     """
     _check(STEPS if steps is None else steps, mosaic, views)
-    check_pictures(size, mosaic or (1, 1), every)  # before worlds are made: `mosaic` says how many
+    check_pictures(size, mosaic or (1, 1), every)  # before worlds are made: `mosaic` decides their number
     check_film(out)
     looks, more = Looks(size, mosaic, views, every, fps), tuple(checked_layers(layers))
     if (recording := _recording(game)) is not None:
@@ -204,7 +204,7 @@ def _name(policy: Any) -> str:
 
 
 def _count(worlds: int | Sequence[int] | None, looks: Looks) -> int:
-    """Return how many worlds to play. Raises FilmError if `worlds` is no such number."""
+    """Return how many worlds to play. Raises FilmError if `worlds` is not such a number."""
     if worlds is None:
         rows, columns = looks.mosaic or (1, 1)
         return max(1, rows * columns)
@@ -222,7 +222,7 @@ def _recording(game: str | os.PathLike[str] | Scenario | Recording) -> Recording
         return Recording.open(name)
     place = name.partition("+")[0]  # "FILE.json+health_cap" is a scenario: its file comes before "+"
     if place.endswith(RECORDINGS) or (os.path.dirname(place) and ":" not in place and not place.endswith(SOURCES)):
-        raise FilmError(f"{name}: {'it is a folder' if os.path.isdir(name) else 'there is no such file'}")
+        raise FilmError(f"{name}: {'it is a folder' if os.path.isdir(name) else 'the file does not exist'}")
     return None
 
 

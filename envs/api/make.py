@@ -63,7 +63,7 @@ def make_vec(
         **numbers: Numbers of the scenario to change, as for `Scenario.replace`.
 
     Raises:
-        ScenarioError: There is no such variant, or the scenario has no rewards or no ending.
+        ScenarioError: The variant is unknown, or the scenario has no rewards or no ending.
         NumberError: A number is out of its range, or does not exist (then it is a KeywordError).
         ScheduleError: The order of the scenario's systems is ambiguous, or `interpret` names a system it does not have.
         ValueError: An option is out of its range.

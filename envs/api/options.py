@@ -57,11 +57,11 @@ class RolloutOptions:
     """The options of `outlast.rollout`."""
 
     worlds: int = option(WORLDS, PLAY, "number of worlds", metavar="N", least=1, takes="int | None = None")
-    episodes: int | None = option(None, PLAY, "whole episodes to play in each world (default: 1)", metavar="N", least=1)
+    episodes: int | None = option(None, PLAY, "episodes to play in each world (default: 1)", metavar="N", least=1)
     steps: int = option(
         0,
         PLAY,
-        "steps to play in each world, instead of whole episodes (default: none)",
+        "steps to play in each world, instead of episodes (default: none)",
         python="Episodes that end in them count, so that means lean towards short ones.",
         metavar="N",
         least=1,

@@ -56,11 +56,11 @@ def play(
         **numbers: Numbers of the scenario to change, as for `Scenario.replace`.
 
     Raises:
-        ScenarioError: There is no such scenario.
+        ScenarioError: The scenario is unknown.
         NumberError: A number is out of its range, or does not exist (then it is a KeywordError).
         UsageError: One of the others does not exist or cannot play there.
         RecordingError: The recording cannot be written.
-        PlayError: There is no such agent, the port is taken, the host is not one of this machine, an allowed place is
+        PlayError: The agent does not exist, the port is taken, the host is not one of this machine, an allowed place is
             not of the form NAME:PORT, websockets is not installed, or an event loop is already running, as in a
             notebook.
     """

@@ -1,4 +1,4 @@
-"""outlast.rollout: a whole rollout in one call. The command `outlast rollout` is a front end to it."""
+"""outlast.rollout: a rollout in one call. The command `outlast rollout` is a front end to it."""
 
 import contextlib
 import os
@@ -66,7 +66,7 @@ def rollout(
     watch: Watch | None = None,
     **numbers: Unpack[Numbers],
 ) -> Summary:
-    """Play whole episodes, equally many in every world, and summarise them.
+    """Play complete episodes, the same number in every world, and summarise them.
 
     >>> print(outlast.rollout("ffa_2", "scripted", worlds=256, melee_damage=20))
     >>> print(outlast.rollout("mygame.py:arena", "runs/arena-fast-0/steps_0010000000.zip", others="scripted"))
@@ -83,11 +83,11 @@ def rollout(
             FILE.zip, FILE.safetensors or the folder of a run, whose newest checkpoint is taken), or FILE.py:FUNCTION of
             your own. In Python also a function from the observations to the actions of all worlds; if it has a method
             `reset`, that is called with the worlds in which an episode begins, bool (worlds,), before it acts there.
-        steps: Steps to play in each world, instead of whole episodes (default: none). Episodes that end in them count,
-            so that means lean towards short ones.
+        steps: Steps to play in each world, instead of episodes (default: none). Episodes that end in them count, so
+            that means lean towards short ones.
         progress: Called after every step with the summary so far, the object that is returned in the end.
         worlds: Number of worlds (default 1024).
-        episodes: Whole episodes to play in each world (default: 1).
+        episodes: Episodes to play in each world (default: 1).
         seed: Seed of all random numbers: the same seed gives the same episodes (default 0).
         threads: Threads that share the worlds, with the same results (default 1).
         others: Opponents of the policy, which plays one side, another one in each episode, while they play all others:
@@ -112,7 +112,7 @@ def rollout(
         Means and standard errors of all statistics; `str` turns them into a table.
 
     Raises:
-        ScenarioError: There is no such scenario.
+        ScenarioError: The scenario is unknown.
         NumberError: A number is out of its range, or does not exist (then it is a KeywordError).
         ValueError: A count is out of its range.
         UsageError: A policy does not exist or cannot play there, options exclude each other, or a file cannot be
@@ -224,14 +224,14 @@ def prepared(
 
     Raises:
         UsageError: `record_policy` without a recording, a file that cannot be written, or one for two things.
-        KeyboardInterrupt: After Ctrl-C, when all files are whole; with the summary as its argument if it came behind
+        KeyboardInterrupt: After Ctrl-C, when all files are complete; with the summary as its argument if it came behind
             the last step.
     """
     _check_files(record, record_policy, events, csv)
     thinks, plays = (against.policy, against.plays) if against else (policy, None)
     watchers = [each for each in (watch, against and against.watch) if each]
     numbers = np.ones(env.num_worlds, np.int64)  # number of the episode that each world is in
-    whole = list[Summary]()
+    parts = list[Summary]()
     try:
         with left_whole() as stack:
             if record is not None:
@@ -259,14 +259,14 @@ def prepared(
                     progress(summary)
 
                 look, note = (_all_of(each) if each else None for each in (watchers, ended))
-                whole.append(local.rollout(env, policy, steps, progressed, episodes=episodes, watch=look, ended=note))
-                return whole[-1]
+                parts.append(local.rollout(env, policy, steps, progressed, episodes=episodes, watch=look, ended=note))
+                return parts[-1]
 
             yield play
     except KeyboardInterrupt as stop:
-        if stop.args or not whole:
+        if stop.args or not parts:
             raise
-        raise KeyboardInterrupt(whole[-1]) from None
+        raise KeyboardInterrupt(parts[-1]) from None
 
 
 def _titles(policies: Sequence[str | Policy]) -> list[str]:

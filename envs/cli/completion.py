@@ -66,7 +66,7 @@ def options(command: Parser) -> Iterator[tuple[str, argparse.Action]]:
 
 
 def positional(command: Parser) -> list[argparse.Action]:
-    """Return the arguments of a command that are no options."""
+    """Return the arguments of a command that are not options."""
     return [action for _, actions in command.groups() for action in actions if not action.option_strings]
 
 
@@ -108,9 +108,9 @@ def zsh(commands: Any) -> str:
 
 
 def _zsh_option(option: str, action: argparse.Action) -> str:
-    says = re.sub(r"([][:\\])", r"\\\1", (action.help or "").replace("%%", "%"))
+    about = re.sub(r"([][:\\])", r"\\\1", (action.help or "").replace("%%", "%"))
     many = "*" if isinstance(action, argparse._AppendAction) else ""
-    return f"{many}{option}[{says}]" + (f":value:{_zsh_values(*values(action))}" if takes_value(action) else "")
+    return f"{many}{option}[{about}]" + (f":value:{_zsh_values(*values(action))}" if takes_value(action) else "")
 
 
 def _zsh_values(words: Sequence[str], files: bool) -> str:

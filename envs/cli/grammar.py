@@ -10,7 +10,7 @@ from typing import Any, NoReturn
 from outlast.ecs.kernels.errors import did_you_mean
 
 WIDEST = 110  # columns of help: longer lines are hard to read
-MINUS = re.compile(r"-[^-\d]")  # a value such as -ids, which is no option and no number
+MINUS = re.compile(r"-[^-\d]")  # a value such as -ids, which is not an option or a number
 
 
 class Parser(argparse.ArgumentParser):
@@ -97,7 +97,7 @@ class Parser(argparse.ArgumentParser):
     def _aligned(self) -> list[str]:
         """Return lines of examples, which help leaves as they are; each sentence stands above its command."""
         program = self.prog.rpartition(" ")[0]
-        return [line for text, says in self.examples for line in (f"  # {says}", f"  {program} {text}")]
+        return [line for text, about in self.examples for line in (f"  # {about}", f"  {program} {text}")]
 
     def _usage(self) -> str:
         formatter, words = self._get_formatter(), [self.prog]
@@ -124,7 +124,7 @@ class Parser(argparse.ArgumentParser):
         name = word.partition("=")[0]
         if not name.startswith("-"):
             return f"{word} is one word too many; put what belongs together in a row, ahead of the options"
-        return f"there is no option {name}{did_you_mean(name, self._option_string_actions, before=': ', count=1)}"
+        return f"unknown option {name}{did_you_mean(name, self._option_string_actions, before=': ', count=1)}"
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
         if action.choices is not None and value not in action.choices:

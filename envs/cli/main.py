@@ -59,7 +59,7 @@ def _command(arguments: Sequence[str] | None, made: Callable[[], Parser]) -> int
         return _refused(f"there is not enough memory, take fewer --worlds: {error}")
     except OSError as error:
         return _refused_by_system(error)
-    except KeyboardInterrupt:  # where a command has nothing to say of what it did so far
+    except KeyboardInterrupt:  # for commands without a report of their progress
         print("stopped", file=sys.stderr)
         return STOPPED
 

@@ -14,8 +14,8 @@ def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
     text = "list the trained policies that are kept, by name"
     description = (
-        "List the trained policies that are kept with outlast. Their names are GAME/KIND-SEED. Whatever takes a policy "
-        "takes these names, and fetches the file if it is not there. wins: the share of 320 games that it wins against "
+        "List the trained policies that are kept with outlast. Their names are GAME/KIND-SEED. All policy options "
+        "take these names, and fetch the file if it is not there. wins: the share of 320 games that it wins against "
         "`scripted`; a draw counts as half."
     )
     examples = [

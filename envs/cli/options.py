@@ -100,7 +100,7 @@ def add_changes(command: Parser) -> None:
     text = "add a mechanic of outlast, as in 'DropLast(offset=2.0)', or one of your own, FILE.py:NAME (can be repeated)"
     command.add_argument("--with", action="append", default=[], metavar="MECHANIC", help=text)
     add_import(command, "--with or the FILE.json given as VARIANT uses")
-    text = "divide the agents into roles that have numbers of their own, as this file says (format: docs/levels.md)"
+    text = "divide the agents into roles that have numbers of their own, by this file (format: docs/levels.md)"
     command.add_argument("--roles", type=path, metavar="FILE.json", help=text)
     text = "write the changed game to this file, which can be given as VARIANT"
     check = functools.partial(check_file, what="scenarios", error=ScenarioError, endings=(".json",))
@@ -130,15 +130,15 @@ def scenario(options: argparse.Namespace, name: str = "") -> Scenario:
     more = [(f"--with {text}", *mechanic(text)) for text in getattr(options, "with")]
     asked = asked.with_(*walls).with_(*(module for _, module, _ in more)).without(*options.without)
     if any(module not in asked.modules for module in walls):
-        raise ScenarioError(f"--layout {options.layout}: --with or --without takes it out again; say one of them")
+        raise ScenarioError(f"--layout {options.layout}: --with or --without takes it out again; use one of them")
     if gone := [option for option, module, _ in more if type(module) not in map(type, asked.modules)]:
-        raise ScenarioError(f"{gone[0]}: --without takes it out again; say one of them")
+        raise ScenarioError(f"{gone[0]}: --without takes it out again; use one of them")
     if options.roles is not None:
         asked = with_roles(asked, options.roles)
     given = by_full_name(asked.find_number, [_parts("--set", text) for text in options.set])
     fixed = {name: "--with" for _, _, names in more for name in names}
     if twice := sorted(fixed.keys() & given.keys()):
-        raise ScenarioError(f"--set {twice[0]}: --with has it, too; say one of them")
+        raise ScenarioError(f"--set {twice[0]}: --with has it, too; use one of them")
     now = asked.numbers()
     asked = asked.replace(**{name: _value(text, now[name]) for name, text in given.items()})
     asked = _varied(asked, fixed | dict.fromkeys(given, "--set"), options)
@@ -266,7 +266,7 @@ class _BesideBars(logging.StreamHandler[TextIO]):
 
 
 def printable(path: str) -> str:
-    """Return the path, escaped where it is no UTF-8, which standard output may refuse."""
+    """Return the path, escaped where it is not UTF-8, which standard output may refuse."""
     return os.fsencode(path).decode(errors="backslashreplace")
 
 
@@ -316,7 +316,7 @@ PARSED: dict[str, dict[str, Any]] = {
 
 
 def _varied(asked: Scenario, fixed: Mapping[str, str], options: argparse.Namespace) -> Scenario:
-    """Return the scenario with what --vary says.
+    """Return the scenario with the distributions of --vary.
 
     fixed: which option sets a number. Raises ScenarioError, NumberError.
     """
@@ -324,7 +324,7 @@ def _varied(asked: Scenario, fixed: Mapping[str, str], options: argparse.Namespa
     drawn = {}
     for name, text in by_full_name(asked.find_number, parts).items():
         if name in fixed:
-            raise ScenarioError(f"--vary {name}: {fixed[name]} has it, too; say one of them")
+            raise ScenarioError(f"--vary {name}: {fixed[name]} has it, too; use one of them")
         try:
             drawn[name] = distribution(text)
         except (ScenarioError, NumberError) as error:

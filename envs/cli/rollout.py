@@ -47,7 +47,7 @@ def add(commands: Any) -> None:
         ),
     ]
     description = (
-        "Play whole episodes in many worlds, the same number in each, and print means and standard errors of their "
+        "Play complete episodes in many worlds, the same number in each, and print means and standard errors of their "
         "statistics. With --steps, every world plays a fixed number of steps instead. Episodes that have not ended by "
         "then do not count, so the means lean towards short episodes."
     )
@@ -87,7 +87,7 @@ def run(options: argparse.Namespace) -> int:
                 played = _play_with_bar(options, agents, work)
                 if played.failure is not None:
                     raise played.failure
-        finally:  # its files are complete, whatever becomes of what is printed
+        finally:  # its files are complete, even if printing fails
             if played is not None and (played.failure is None or played.summary.world_steps):
                 _report(options, asked, played, out)
         return played.status

@@ -49,7 +49,7 @@ class _Standard(Messages):
         try:
             getattr(self.stream, name)(*arguments)
         except (OSError, ValueError, AttributeError) as error:  # of a replaced stream that is closed, or is none
-            with contextlib.suppress(OSError, ValueError, AttributeError):  # it is no file
+            with contextlib.suppress(OSError, ValueError, AttributeError):  # it is not a file
                 _plug(self.stream.fileno())
             if self.raises and isinstance(error, OSError) and error.errno not in GONE:
                 self.raises = False  # once is enough

@@ -47,7 +47,7 @@ def looks(options: argparse.Namespace) -> Looks:
 
 
 def report(options: argparse.Namespace, total: int, made: Callable[[Count], object]) -> int:
-    """Make a film of `total` ticks after the first one behind a progress bar, and say what it is; the exit status.
+    """Make a film of `total` ticks after the first one with a progress bar, and describe it. Return the exit status.
 
     The bar begins with the first frame: until then, something may be refused.
     """

@@ -53,7 +53,7 @@ class ActionSpace:
         noop: The action that does nothing, as a learner would pass it: integers (actions,), or () for kind "joint";
             for kind "continuous" the middle of its parts, float32 (actions,).
         mask_size: The length of an agent's mask. Kind "multi": all values of the first action, then those of the
-            second, and so on; "joint": all joint actions; "continuous": 0, as there are no masks.
+            second, and so on; "joint": all joint actions; "continuous": 0, as without masks.
     """
 
     def __init__(self, worlds: Worlds, kind: str, masked: bool = False) -> None:
@@ -177,11 +177,10 @@ class ActionSpace:
         actions[...] = given
 
     def check_masked(self) -> None:
-        """UsageError, which is a ValueError, if there are no masks."""
+        """UsageError, which is a ValueError, without masks."""
         if self.kind == "continuous":
             raise UsageError(
-                "actions = 'continuous': there are no action masks, as masks are of discrete actions; take 'multi' or "
-                "'joint'"
+                "actions = 'continuous': action masks exist for discrete actions only; take 'multi' or 'joint'"
             )
 
     def masks(self) -> Array:
@@ -204,14 +203,14 @@ class ActionSpace:
     def idle(self) -> Array:
         """Return which actions can change nothing in the next tick, of any value: bool (worlds, agents, actions)."""
         roles = self._worlds.layout.roles
-        said = {module.name: _idle(module, self._worlds, self.keys) for module in self._masking}
+        idle = {module.name: _idle(module, self._worlds, self.keys) for module in self._masking}
         for name, parts in self._idle.items():
             for part in parts:
-                said[name] = said.get(name, {}) | self._worlds[part]._asdict()
+                idle[name] = idle.get(name, {}) | self._worlds[part]._asdict()
         found = np.ones((self._worlds.count, self._worlds.dims["agents"], len(self.keys)), bool)
         for k, (key, readers) in enumerate(zip(self.keys, self._readers, strict=True)):
             for name in readers:
-                found[..., k] &= np.asarray(said.get(name, {}).get(key, False), bool)
+                found[..., k] &= np.asarray(idle.get(name, {}).get(key, False), bool)
             if roles and any(lacking := without(roles, key)):
                 role = self._worlds[AgentRoles].role
                 found[..., k] |= (role >= 0) & np.array(lacking)[role]

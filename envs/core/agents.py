@@ -49,12 +49,12 @@ def counts_vary(worlds: Worlds) -> bool:
 
 
 def fewest_agents(worlds: Worlds) -> int:
-    """Return how many agents every world has at least, whatever is drawn."""
+    """Return the minimum number of agents of a world, over all draws."""
     return worlds.layout.agent_counts[0]
 
 
 def fewest_sides(worlds: Worlds) -> int:
-    """Return how many sides have an agent in every world, whatever is drawn; the last of unequal teams may lack one."""
+    """Return the number of sides with an agent in every world and draw; the last of unequal teams may lack one."""
     agents = fewest_agents(worlds)
     if not (sizes := worlds.layout.groups(agents)):
         return min(worlds.dims["sides"], agents)

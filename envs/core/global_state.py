@@ -1,4 +1,4 @@
-"""The state of a whole world as one vector, for centralised critics."""
+"""The state of a world as one vector, for centralised critics."""
 
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
@@ -39,7 +39,7 @@ class GlobalState:
 
     ======= ===================================================================================
     agents  alive (0, 1), then the row `own` of their observation, with its fields
-    zone    the row `zone` of agent_0's observation, likewise; only if the scenario has one
+    zone    the row `zone` of agent_0's observation; only if the scenario has one
     objects stands (0, 1), x, y, angle, half width, half height, hit points: boxes, and other things with hit points
     items   lies on the ground (0, 1), x, y, and its carrier: 0 none, 1 agent_0, 2 agent_1 ...
     walls   stands (0, 1), x, y, angle, half width, half height: blocks inside the room
@@ -47,7 +47,7 @@ class GlobalState:
     numbers those that vary (Scenario.vary), in order of names, except words and lists of numbers
     ======= ===================================================================================
 
-    Objects, items, walls and bodies are in the order of their rows (`Worlds.span` says which kinds are where).
+    Objects, items, walls and bodies are in the order of their rows (see `Worlds.span` for the rows of kinds).
 
     Attributes:
         space: The space of the vector.
@@ -122,7 +122,7 @@ class GlobalState:
         return np.hstack([np.full((2, field.size), [[field.scale], [field.unit == "rad"]]) for field in chosen])
 
     def _toughest(self) -> float:
-        """Return the most hit points that any object has at the start; 1 if there are no objects."""
+        """Return the most hit points that any object has at the start; 1 without objects."""
         points = self.worlds.layout.prefab_values(Health, "points")
         spans = {name: self.worlds.span(name) for name in points}
         return max([1.0, *(float(np.max(points[name])) for name in points if spans[name].start in self.objects)])

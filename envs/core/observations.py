@@ -27,7 +27,7 @@ class Observations:
 
     Attributes:
         kind: One of KINDS.
-        views: What the engine writes, by key, read-only and unscaled, whatever the kind.
+        views: Observations of the engine, by key, read-only and unscaled, for any kind.
         space: The space of all agents of a world: Dict of Box (agents, ...), or Box (agents, flat_size). Lists have no
             fixed shape: with "rows" it is the same as with "dict", for names, shapes and bounds of columns.
         names: The names of the columns of a flat row: "own.health", "heals.3.x", "heals_mask.3".
@@ -121,7 +121,7 @@ class Observations:
     def room(self, empty: Any) -> Any:
         """Return memory to `write` observations into: what empty(shape) makes, float32, by key or as one.
 
-        Raises ValueError, as `check` and `of_agent` do, if there is no fixed shape.
+        Raises ValueError, as `check` and `of_agent` do, without a fixed shape.
         """
         self.check_fixed()
         if self.kind == "dict":

@@ -63,7 +63,7 @@ def _column(kind: str, parts: list[type[Component]], name: str) -> tuple[type[Co
     if found:
         names = " and ".join(f"'{part.__name__}.{column}'" for part in found)
         raise ValueError(
-            f"'{column}' of the kind '{kind}' could be {names}: say which, as in **{{{names.split()[0]}: 1}}"
+            f"'{column}' of the kind '{kind}' could be {names}: choose one, as in **{{{names.split()[0]}: 1}}"
         )
     known = [each for part in parts for each in part.columns]
     hint = did_you_mean(column, known) or f"it has: {', '.join(dict.fromkeys(known)) or 'none'}"

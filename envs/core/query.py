@@ -21,7 +21,7 @@ class Query:
     metres.
 
     Raises:
-        ValueError: There is no such world, or no such row.
+        ValueError: The world or the row does not exist.
     """
 
     def __init__(self, worlds: Worlds, world: int = 0) -> None:
@@ -38,7 +38,7 @@ class Query:
         return self._listed(queries.within, kinds, self._row(e), np.float32(far))
 
     def nearest(self, e: int, far: float, *kinds: Kind) -> int:
-        """Return the other body that is nearest to body `e`, at most `far` metres away; -1: there is none."""
+        """Return the other body that is nearest to body `e`, at most `far` metres away; -1: none."""
         return int(self._ask(queries.nearest, kinds, self._row(e), np.float32(far)))
 
     def distance(self, e: int, o: int) -> float:
@@ -60,7 +60,7 @@ class Query:
             dx: How far it goes, metres.
             dy: Likewise.
             *kinds: Components of what counts.
-            skip: The row of a body that does not count, as that of whoever looks.
+            skip: The row of a body that does not count, such as the observer's.
 
         Returns:
             Its row, and the fraction of the ray at which it is entered, 0 to 1.
@@ -74,7 +74,7 @@ class Query:
 
     def _row(self, e: Any) -> int:
         if not is_whole(e, 0, self._worlds.dims["rows"] - 1):
-            raise ValueError(f"there is no row {e!r:.60}: there are {self._worlds.dims['rows']}, from 0 on")
+            raise ValueError(f"row {e!r:.60} does not exist: there are {self._worlds.dims['rows']}, from 0 on")
         return int(e)
 
     def _listed(self, kernel: Any, kinds: tuple[Kind, ...], *given: Any) -> list[int]:

@@ -29,7 +29,7 @@ class Scale:
 
     @classmethod
     def of(cls, fields: Mapping[str, Field], columns: int) -> "Scale":
-        """Return the scale of a row with these fields, whatever their ranges; without fields, a row stays as it is."""
+        """Return the scale of a row with these fields, for any ranges; without fields, a row is not scaled."""
         divisors, angle = np.ones(columns, np.float32), np.zeros(columns, bool)
         for field in fields.values():
             divisors[field.columns], angle[field.columns] = field.scale, field.unit == "rad"

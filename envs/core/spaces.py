@@ -32,7 +32,7 @@ Ends = tuple[Array, Array]  # low, high
 Dims = tuple[int | str, ...]
 LARGEST = 8  # bytes of a number
 TAKEN = (
-    *("world", "episode", "against", "own_side", "result"),  # columns of tables that say which episode a row is about
+    *("world", "episode", "against", "own_side", "result"),  # columns of tables that identify the episode of a row
     *("wins", "wins_first", "wins_second", "life", "zone_distance", "heals_held"),  # columns of tables of matches
     *("near", "attack_near", "attack_far", "episodes", "steps", "reward"),  # entries of training logs
 )  # names that statistics cannot have, as tables and logs use them already
@@ -120,7 +120,7 @@ def check_published(worlds: Worlds) -> None:
         names += _reported(worlds, key, column.dims)
         if key in TAKEN or key[-1:].isdigit():
             taken = key in TAKEN
-            why = "is in tables and logs already" if taken else "ends in a digit, by which these tell sides apart"
+            why = "is in tables and logs already" if taken else "ends in a digit, which marks sides in these"
             raise DeclarationError(f"{component.__name__}.{name}: the statistic '{key}' {why}; rename it")
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise DeclarationError(f"two entries of info are called '{twice[0]}'; rename a column of a Statistic")
@@ -151,7 +151,7 @@ def _check_fields(worlds: Worlds) -> None:
     for key, component, column, _ in published(worlds, Observation):
         writing = [system for system in worlds.layout.systems if system.touches(component, *USES[Observation])]
         offsets = [system.offsets().get((component, column), set()) for system in writing]
-        for module in worlds.layout.modules if all(offsets) else ():  # a system without an Offset writes whole rows
+        for module in worlds.layout.modules if all(offsets) else ():  # a system without an Offset writes complete rows
             added = [field.name for field in module.fields().get(key, ())]
             own = [system.offsets().get((component, column), set()) for system in module.all_systems()]
             # the Offset of an earlier field will do; `own` has systems that a number switches off, too
@@ -191,7 +191,7 @@ def _bounds(worlds: Worlds) -> dict[str, Ends]:
     for key, component, name, column in published(worlds, Observation):
         fields, shape = layout.fields.get(key, {}), component.row_shape(name, worlds.dims)
         keys = {key, column.fields} if isinstance(column.fields, str) else {key}
-        said = [
+        given = [
             _checked(module, k, ends[k], fields, shape) for module, ends in stated for k in sorted(keys & ends.keys())
         ]
         sizes = [field.size for field in fields.values()] or 1
@@ -201,8 +201,8 @@ def _bounds(worlds: Worlds) -> dict[str, Ends]:
         ]
         least, most = (np.repeat(each, sizes) for each in (np.min(declared, 0)[:, 0], np.max(declared, 0)[:, 1]))
         with np.errstate(over="ignore"):  # what float32 cannot hold becomes infinite
-            low = np.fmax(_widest(np.fmin, shape, [ends[0] for ends in said]), np.fmax(least, column.low))
-            high = np.fmin(_widest(np.fmax, shape, [ends[1] for ends in said]), np.fmin(most, column.high))
+            low = np.fmax(_widest(np.fmin, shape, [ends[0] for ends in given]), np.fmax(least, column.low))
+            high = np.fmin(_widest(np.fmax, shape, [ends[1] for ends in given]), np.fmin(most, column.high))
             low, high = low.astype(np.float32), high.astype(np.float32)
         if (without := np.argwhere((low > 0) | (high < 0))).size:
             at = tuple(without[0])

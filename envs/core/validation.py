@@ -69,7 +69,7 @@ def _seed(value: Any) -> np.uint64:
 
 
 def reset_mask(options: Any, count: int) -> Array:
-    """Return options["reset_mask"], bool (count,); all worlds if there is none.
+    """Return options["reset_mask"], bool (count,); all worlds without it.
 
     Other keys raise ValueError: otherwise, a typo in this one would reset everything.
     """

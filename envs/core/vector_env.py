@@ -41,7 +41,7 @@ Watcher = TypeVar("Watcher", bound=Observer)
 
 
 class SurvivalVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
-    """Many worlds of a scenario as a gymnasium VectorEnv whose sub-environments are whole worlds.
+    """Many worlds of a scenario as a gymnasium VectorEnv whose sub-environments are worlds.
 
     ## Description
     Agents in a closed room fight with melee attacks, collect and use items, break boxes, and have to stay inside a zone
@@ -55,13 +55,13 @@ class SurvivalVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
     MultiDiscrete, integers (worlds, agents, actions); `action_columns` has their names. In the paper's variants it is
     [3, 3, 3, 2, 2, 2]: ahead, left and turn (0, 1, 2 for -1, 0, +1), attack, use, give. With actions="joint" a single
     integer per agent, (worlds, agents), stands for all of them, 0 to 215; with "continuous" each is a float from -1 to
-    1. `noop` is the action that does nothing; `action_masks()` says which others would have no effect, either.
+    1. `noop` is the action that does nothing; `action_masks()` returns which others have no effect, either.
 
     ## Observation Space
     Dict of Box, float32 (worlds, agents, ...), in metres, metres per second, radians and hit points. The keys depend on
     the mechanics. What an agent does not see is 0, and so is its entry in the key's mask (`others_mask`). Mechanics may
     add columns to rows, so read columns by their names in `fields`. With observations="flat" it is a single Box,
-    float32 (worlds, agents, flat_size), whose columns are named by `flat_names`. `state()` is the whole world.
+    float32 (worlds, agents, flat_size), whose columns are named by `flat_names`. `state()` is the complete world.
 
     ## Rewards
     float32 (worlds, agents): every agent of a world has its own. Wrappers that sum up one reward per sub-environment,
@@ -78,7 +78,7 @@ class SurvivalVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
     Every info has "alive", bool (worlds, agents). When worlds end, it also has "statistics", the episode's numbers by
     name, (worlds,) or (worlds, n), and "_statistics", the mask of the worlds that have ended; under SAME_STEP also
     "final_obs" and "final_info" (info as it was before the reset), with their masks. If the number of agents varies,
-    "statistics_present" says which agents and sides the episode had, bool (worlds, n) by name; other entries are 0.
+    "statistics_present": the agents and sides of the episode, bool (worlds, n) by name; other entries are 0.
 
     ## Arguments
     See `make_vec`, which also takes the name of a variant.
@@ -358,7 +358,7 @@ class SurvivalVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
         return Query(self.worlds, world)
 
     def stop_when(self, stops: Stops) -> None:
-        """End episodes earlier than the scenario does. For adapters whose episodes end when the learner dies, say.
+        """End episodes earlier than the scenario does. For adapters such as those that end with the learner's death.
 
         Worlds that are stopped are reported and reset like those that end by the scenario's rule.
 
@@ -411,7 +411,7 @@ class SurvivalVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
 
     @property
     def roles(self) -> tuple[str, ...]:
-        """The names of the roles; info["roles"] holds indices of it (-1: agent absent). Empty if there are no roles."""
+        """The names of the roles; info["roles"] holds indices of it (-1: agent absent). Empty without roles."""
         return self.scenario.by_role.names if self.scenario.by_role else ()
 
     @property
@@ -499,7 +499,7 @@ class SurvivalVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
         """Return which actions can change anything in the next step, or are `noop`.
 
         An action that is False would leave exactly the same world behind as `noop`, to the bit: attacks while the
-        weapon is cooling down, use with an empty bag, whatever the dead do. One that is True may still do nothing.
+        weapon is cooling down, use with an empty bag, all actions of the dead. One that is True may still do nothing.
 
         Args:
             out: Memory to write it to, bool of the shape below; otherwise as for `state`.

@@ -94,7 +94,7 @@ class VisibleRows:
     def __call__(self) -> dict[str, Array]:
         """Return the observations with lists in place of rows and masks.
 
-        A key with rows, say `heals`, becomes `heals`, float32 (n, columns); `heals_owner`, int32 (n,), the agent that
+        A key with rows, as `heals`, becomes `heals`, float32 (n, columns); `heals_owner`, int32 (n,), the agent that
         sees each row, world * agents + agent, in ascending order; `heals_index`, int32 (n,), its place among the padded
         rows of that agent; and `heals_start`, int64 (worlds * agents + 1,), where each agent's rows begin. All other
         keys stay as they are. Lists are read-only.

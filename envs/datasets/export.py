@@ -53,7 +53,7 @@ def check_new(path: str) -> None:
             new_place(path.removeprefix(MINARI))
         elif target.suffix not in ("", ".parquet"):
             raise RecordingError(
-                f"{path}: there is no export to {target.suffix}; give a folder without an ending for .npz files, "
+                f"{path}: export to {target.suffix} is not possible; give a folder without an ending for .npz files, "
                 "NAME.parquet or minari:NAME-v0"
             )
         else:

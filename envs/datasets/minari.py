@@ -47,8 +47,8 @@ def new_place(name: str) -> Path:
         parse_dataset_id(name)
     except (ValueError, TypeError):
         raise RecordingError(
-            f"{name!r} is no name of a Minari dataset: NAME-v0 is needed, or SPACE/NAME-v0 with two letters or more in "
-            "SPACE"
+            f"{name!r} is not a name of a Minari dataset: NAME-v0 is needed, or SPACE/NAME-v0 with two or more letters "
+            "in SPACE"
         ) from None
     place = Path(get_dataset_path(name))
     if place.exists():
@@ -75,7 +75,7 @@ def export_minari(name: str, replay: Replay, selection: Selection) -> int:
         kwargs={"game": about["scenario"], "mechanics": about["mechanics"], "dead": "keep"},  # as in its episodes
     )
     with _staged(name, place), warnings.catch_warnings():
-        # Minari warns that there is no link to the code, which is in a released package
+        # Minari warns about a missing link to the code, which is in a released package
         warnings.simplefilter("ignore", UserWarning)
         minari.create_dataset_from_buffers(
             name,
@@ -185,13 +185,13 @@ def _episodes(replay: Replay, selection: Selection, count: list[int]) -> Iterato
                     yield _episode(episode, i, level)
 
 
-def _episode(whole: DatasetSamples, i: int, level: Level) -> Any:
-    columns = whole.columns
+def _episode(found: DatasetSamples, i: int, level: Level) -> Any:
+    columns = found.columns
     truncated = columns["truncated"].copy()
     truncated[-1] |= not columns["terminated"][-1]
     return EpisodeBuffer(
         observations={
-            key: np.concatenate([a[:, i], whole.final[key][:, i]]) for key, a in whole.observations.items() if a.size
+            key: np.concatenate([a[:, i], found.final[key][:, i]]) for key, a in found.observations.items() if a.size
         },
         actions=columns["actions"][:, i].astype(np.int64),
         rewards=columns["rewards"][:, i].tolist(),

@@ -54,7 +54,7 @@ def export_parquet(target: Path, replay: Replay, selection: Selection, flat: boo
             writer.write_table(table)
             count += table.num_rows
         if writer is None:
-            raise RecordingError("there are no samples: no world that was asked for took a step in these ticks")
+            raise RecordingError("samples are empty: none of the requested worlds took a step in these ticks")
     return count
 
 

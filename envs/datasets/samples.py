@@ -21,14 +21,14 @@ from ..errors import RecordingError
 from ..recording import Recording, Replay
 from ..scenarios.fingerprint import fingerprint
 
-SHARD_BYTES = 2**26  # about so many bytes of samples are kept in memory and written together
+SHARD_BYTES = 2**26  # approximate bytes of samples kept in memory and written together
 COLUMNS = {
     "world": "number of the world in the recorded environment",
     "episode": "number of the world's episode in this recording, from 1",
     "tick": "steps of this episode before this one",
     "present": "whether the episode has the agent; only where the number of agents varies",
     "alive": "whether the agent lives, with the observation",
-    "actions": "what the agent does: an integer for each of the game's actions, whatever form env.step took",
+    "actions": "what the agent does: an integer for each of the game's actions, for any form that env.step took",
     "rewards": "of this step",
     "terminated": "the episode of the world ends with this step, by its rule",
     "truncated": "the episode of the world ends with this step, by the time limit",
@@ -103,7 +103,7 @@ def read_samples(replay: Replay, selection: Selection) -> Iterator[DatasetSample
     """Yield the samples of a recording, tick by tick; ticks without any are left out.
 
     Raises:
-        RecordingError: There are no samples at all, or the file is damaged.
+        RecordingError: Samples are empty, or the file is damaged.
         ReplayError: The replay differs from what was recorded.
     """
     worlds, last_steps = replay.worlds, _last_steps(replay.recording, selection)
@@ -125,7 +125,7 @@ def read_samples(replay: Replay, selection: Selection) -> Iterator[DatasetSample
     if not found:
         raise RecordingError(
             f"{replay.recording.path}: none of the worlds asked for takes a step in the ticks {selection.first} to "
-            f"{selection.last}, so there is no sample; tick 0 resets all worlds"
+            f"{selection.last}, so samples are empty; tick 0 resets all worlds"
         )
 
 

@@ -1,4 +1,4 @@
-"""Events of all kinds in one table: who did what to whom, how much, and why."""
+"""Events of all kinds in one table: agents, targets, amounts and causes."""
 
 import functools
 from collections.abc import Mapping
@@ -16,8 +16,8 @@ COLUMNS = {
     "episode": "number of the world's episode, from 1",
     "tick": "of the episode, from 1; in tick 0 it starts",
     "event": "what happened, as in env.events()",
-    "who": "who did it, as 'agent 1'; empty: nobody",
-    "whom": "to whom or what it was done, as 'box 3'",
+    "who": "the acting entity, as 'agent 1'; empty: none",
+    "whom": "the entity acted upon, as 'box 3'",
     "amount": "how much; empty: it has none",
     "why": "the damage type",
     "more": "the event's other columns, as 'item=heal 3 side=1'",
@@ -99,9 +99,9 @@ def _check_words(event: type[Event], name: str, rows: Array, unit: str, count: i
 
 def _said(name: str, values: list[Any], nothing: object) -> Array:
     """Return " name=value" for each value, and "" for a value that is `nothing`."""
-    said = np.empty(len(values), object)
-    said[:] = ["" if value == nothing else f" {name}={value}" for value in values]
-    return said
+    texts = np.empty(len(values), object)
+    texts[:] = ["" if value == nothing else f" {name}={value}" for value in values]
+    return texts
 
 
 def _same(value: object, rows: Array) -> Array:

@@ -14,10 +14,10 @@ Lines = dict[str, list[str]]
 HEADINGS = {"box_items": "Broken boxes"}  # others are called like their keys
 ZONE = ("x", "y", "radius", "next_x", "next_y", "next_radius")
 MOTION = ("x", "y", "angle", "vx", "vy", "omega")
-PLACED = {"id", "team", *MOTION}  # fields that are said in words
+PLACED = {"id", "team", *MOTION}  # fields that are described in words
 HANDLED = {"own", "others", "zone", "lidar", "heal_slot", "box_slot"}
-FEW = 4  # an observation of a user's mechanic gets a line if it has at most so many numbers
-RAYS = 32  # of up to so many rays, all are written; of more, only the shortest and the longest
+FEW = 4  # an observation of a user's mechanic gets a line if it has at most this many numbers
+RAYS = 32  # up to this many rays, all are written; of more, only the shortest and the longest
 
 
 class Viewpoint:

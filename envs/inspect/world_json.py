@@ -89,7 +89,7 @@ class Bodies:
         return self.numbers[row] - len(self.agents)
 
     def agent_number(self, row: int) -> int:
-        """Return the number of the agent in this row; -1 if there is no agent in it, or the row is -1."""
+        """Return the number of the agent in this row; -1 if it is not an agent's, or -1."""
         return self.numbers[row] if row >= 0 and self.numbers[row] < len(self.agents) else -1
 
 
@@ -112,7 +112,7 @@ def describe(worlds: Worlds, w: int) -> Json:
     metres, 0: no floor. floor: [width, height], or []. seconds: length of a tick. teams: whether sides are teams.
     health: hit points at the start, 0: nothing does damage. slots: the size of a bag. reach: that of the melee,
     metres, 0: none. zone: whether there is one. cone: [[x, y]], corners of a vision cone, metres ahead and to the
-    left; None if there are no cameras, or agents observe everything. rays: how many the lidar of an agent has.
+    left; None without cameras, or if agents observe everything. rays: number of rays of an agent's lidar.
     damage_types: names by number. actions: [{name, low, high}], what an agent chooses in a tick. rewards, looks:
     whether there are any. sides: [{color, ink, box, name}], colours as CSS.
 
@@ -181,7 +181,7 @@ def describe(worlds: Worlds, w: int) -> Json:
 def snapshot(worlds: Worlds, w: int) -> Json:
     """Return world `w` as it is now.
 
-    episode, tick: what its clock says. zone: [x, y, radius, next x, next y, next radius] or None.
+    episode, tick: from its clock. zone: [x, y, radius, next x, next y, next radius] or None.
 
     agents: [{x, y, angle, alive, health, bag, strike, target, sees, rays, action, reward}]: bag: numbers of objects,
     of which the last is the next to be used; strike: 1 if a strike of this tick met nothing, 2 if it met something, 0
@@ -217,7 +217,7 @@ def snapshot(worlds: Worlds, w: int) -> Json:
 
 
 def _role(scene: Scene, i: int) -> str:
-    """Return the name of agent `i`'s role; "" if there are no roles or the agent is absent."""
+    """Return the name of agent `i`'s role; "" without roles, or if the agent is absent."""
     roles = scene.worlds.layout.roles
     number = scene[AgentRoles].role[i] if roles is not None else -1
     return roles.names[number] if roles is not None and number >= 0 else ""

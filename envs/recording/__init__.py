@@ -30,14 +30,14 @@ def record(
 
     Until the recording is closed, `set_state` is refused, as is changing numbers that do not vary, and actions are
     checked even if check_actions is False. Ends that an adapter adds (stop_when) are not recorded, and a UserWarning
-    says so: in the recording, those episodes break off.
+    reports it: in the recording, those episodes break off.
 
     Args:
         env: The environment itself: `wrapper.unwrapped` of a gymnasium wrapper.
         path: A new file.
         policy: A policy from `outlast.load_policy`. What it thinks before every tick is recorded, too: the
             probabilities of its actions, the value that it expects, and what it attends to. For that it is called an
-            additional time, whoever acts. None: record no policy.
+            additional time, for any policy that acts. None: record no policy.
         plays: A function that returns which agents it plays at the moment, bool (worlds, agents). None: all.
         episodes: How many episodes of each world are counted, its first ones; 0: all that end. A replay counts the
             same. None: it counts the first of each world, if each has one.
@@ -47,7 +47,7 @@ def record(
 
     Raises:
         RecordingError: The file exists or cannot be written, `env` is being recorded already or has numbers changed by
-            set_numbers, or the policy cannot say what it thinks.
+            set_numbers, or the policy cannot report its probabilities.
         TrainingError: The policy does not fit the environment.
         TypeError: `env` is not a SurvivalVectorEnv.
     """

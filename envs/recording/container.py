@@ -6,10 +6,10 @@ part     holds
 MAGIC    the line "outlast recording 1"
 chunk    a header of 40 bytes, then the content: tag, bytes of the content stored and unpacked, tick records in it,
          number of the first of them, blake2b-8 of the stored content, blake2b-8 of the 32 bytes before
-HEAD     the first chunk: JSON that says what was recorded (see reader)
+HEAD     the first chunk: JSON with a description of the recording (see reader)
 RECORDS  many chunks: tick records (see tick_records); after them, packed separately, what the policy thought in
          these ticks, if the header has a policy. Earlier readers do not look beyond the tick records.
-DONE     the last chunk, without content: it says that the recording was closed and nothing is missing
+DONE     the last chunk, without content: it marks a recording that was closed and is complete
 ======== =========================================================================================
 
 Everything is little-endian; contents are packed with zlib. Chunks are written one after the other, so if a writer was
@@ -99,7 +99,7 @@ def read_content(file: BinaryIO, path: str, chunk: Chunk, max_bytes: int) -> tup
     """
     stored = read_stored(file, path, chunk)
     if chunk.unpacked > max_bytes:
-        raise RecordingError(f"{path}: the chunk at byte {chunk.offset} says that it holds {chunk.unpacked} bytes")
+        raise RecordingError(f"{path}: the chunk at byte {chunk.offset} claims to hold {chunk.unpacked} bytes")
     try:
         return unpack(stored, chunk.unpacked)
     except ValueError:
@@ -121,7 +121,7 @@ def unpack(stored: bytes, size: int) -> tuple[bytes, bytes]:
 def damaged(path: str, offset: int) -> RecordingError:
     """Return the error for a chunk whose bytes are not those that were written."""
     return RecordingError(
-        f"{path} is damaged at byte {offset}: a checksum does not fit. What lies before that byte is whole: "
+        f"{path} is damaged at byte {offset}: a checksum does not fit. Everything before that byte is complete: "
         "a copy that ends there can be replayed, if there are ticks before it"
     )
 

@@ -15,7 +15,7 @@ from outlast.ecs import Component, Signal, Worlds
 from ..core.validation import Array
 
 WORLDS_PER_DIGEST = 64  # at most; the worlds of larger batches take turns
-SIGN_WORLDS = 8  # a digest also sums the upper halves of words of so many worlds, which take turns
+SIGN_WORLDS = 8  # worlds whose upper halves of words a digest also sums, in turn
 SHIFT = np.uint32(15)
 
 

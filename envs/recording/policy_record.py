@@ -20,7 +20,7 @@ from ..errors import RecordingError
 from ..rollout.memory import Begins, tell
 from ..scenarios.fingerprint import is_word
 
-MAX_ENTRIES = 2**16  # an agent has at most so many probabilities, and so many rows
+MAX_ENTRIES = 2**16  # maximum probabilities, and rows, of an agent
 
 
 class Explainer(Protocol):
@@ -41,14 +41,14 @@ class PolicyRecorder:
         plays: A function that returns which agents it plays, bool (worlds, agents); None: all.
 
     Raises:
-        RecordingError: The policy does not say what it thinks.
+        RecordingError: The policy does not report its probabilities.
         TrainingError: The policy does not fit the environment.
     """
 
     def __init__(self, env: SurvivalVectorEnv, policy: Any, plays: Callable[[], Array] | None = None) -> None:
         if not hasattr(policy, "explainer"):
             raise RecordingError(
-                "the policy does not say with what probabilities it chooses, so there is nothing to record of it: only "
+                "the policy does not report the probabilities of its choices, so it cannot be recorded: only "
                 "saved policies do, a FILE.zip, a FILE.safetensors or what outlast.load_policy returns"
             )
         policy.check(env)

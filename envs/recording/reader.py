@@ -34,7 +34,7 @@ class Recording:
     """A recording of an environment in a file, made by `open`; len(recording) is the number of its ticks.
 
     Attributes:
-        header: What the file says about itself: `outlast`, `machine`, `scenario` ...
+        header: Description in the file: `outlast`, `machine`, `scenario` ...
         scenario: The scenario that was played.
         num_worlds, num_agents, first_world: As in SurvivalVectorEnv; `num_agents` is per world.
         entities: If a policy was recorded, what it attended to: (key of the observation, rows) for each kind.
@@ -58,7 +58,7 @@ class Recording:
         )
         self.entities = [(str(key), int(rows)) for key, rows in header.get("policy", {"entities": []})["entities"]]
         lost = size - chunks[-1].end
-        sentence = f"{path} was cut off: {self._length} ticks are whole, {lost} bytes after them are left out"
+        sentence = f"{path} was cut off: {self._length} ticks are complete, {lost} bytes after them are left out"
         self.cut = "" if chunks[-1].tag == DONE else sentence
 
     @classmethod
@@ -71,7 +71,7 @@ class Recording:
             path: A file that `outlast.record` or `outlast rollout --record` wrote.
             scenario: Needed if some of its mechanics are neither outlast's own nor imported, as names in a file are
                 never imported: the recorded scenario, or the name of a scenario, such as "mygame.py:arena", which is
-                imported for its mechanics, whatever its numbers are.
+                imported for its mechanics, with any numbers.
             trust: Whether its worlds may take as much memory as they need. If not, 1 GiB is the limit, unless the file
                 is long.
 
@@ -86,7 +86,7 @@ class Recording:
         with open(path, "rb") as file:
             chunks = list(read_chunks(file, name, size))
             if not chunks or chunks[0].tag != HEAD:
-                raise RecordingError(f"{name} is not a recording: it ends before it says what was recorded")
+                raise RecordingError(f"{name} is not a recording: it ends before the description of what was recorded")
             _check_order(name, chunks)
             header = _read_header(file, name, chunks[0])
             recording = cls(name, header, _scenario(name, header, scenario), chunks, size)
@@ -138,7 +138,7 @@ class Recording:
             )
 
     def _check_begin(self, file: BinaryIO) -> None:
-        """Check that the first tick keys and resets all worlds, as many as the header says."""
+        """Check that the first tick keys and resets all worlds, as many as in the header."""
         for chunk in self._chunks[:1]:
             first = self._decoded(file, chunk)[0]
             if (first.mode != RESET).any() or not np.array_equal(first.keys[:, 0], np.arange(self.num_worlds)):
@@ -171,7 +171,7 @@ def _read_header(file: BinaryIO, path: str, chunk: Chunk) -> dict[str, Any]:
     except strict_json.BROKEN:
         valid = False
     if not valid:
-        raise RecordingError(f"{path} is not a recording: its header does not say what was recorded")
+        raise RecordingError(f"{path} is not a recording: its header does not describe a recording")
     return dict(header)
 
 
@@ -224,7 +224,7 @@ def _import(header: dict[str, Any], name: str) -> None:
 
 
 def last_tick(recording: Recording, first: int, last: int | None) -> int:
-    """Return the number of the last tick of a selection. Raises RecordingError if there are no such ticks.
+    """Return the number of the last tick of a selection. Raises RecordingError if the ticks do not exist.
 
     Args:
         recording: The recording.
@@ -233,9 +233,9 @@ def last_tick(recording: Recording, first: int, last: int | None) -> int:
     """
     given: list[Any] = [first, 0 if last is None else last]
     if strange := [tick for tick in given if not is_whole(tick)]:
-        raise RecordingError(f"tick {strange[0]!r}: whole numbers are needed, counted from 0")
+        raise RecordingError(f"tick {strange[0]!r}: integers are needed, counted from 0")
     if not len(recording):
-        raise RecordingError(f"{recording.path}: there is no tick in it")
+        raise RecordingError(f"{recording.path}: it has no ticks")
     most = len(recording) - 1
     end = most if last is None else last
     if not 0 <= first <= end <= most:
@@ -246,7 +246,7 @@ def last_tick(recording: Recording, first: int, last: int | None) -> int:
 
 
 def rows_of(recording: Recording, worlds: Any) -> list[int]:
-    """Return the rows of these worlds in the tables. Raises RecordingError if there are no such worlds.
+    """Return the rows of these worlds in the tables. Raises RecordingError if the worlds do not exist.
 
     Args:
         recording: The recording.
@@ -256,7 +256,7 @@ def rows_of(recording: Recording, worlds: Any) -> list[int]:
         raise RecordingError(f"worlds = {worlds!r}: their numbers are needed, as in [0, 3]")
     asked, first, last = list(worlds), recording.first_world, recording.first_world + recording.num_worlds - 1
     if odd := [w for w in asked if not is_whole(w)]:
-        raise RecordingError(f"world {odd[0]!r}: whole numbers are needed")
+        raise RecordingError(f"world {odd[0]!r}: integers are needed")
     if unknown := [w for w in asked if not first <= w <= last]:
-        raise RecordingError(f"{recording.path}: there is no world {unknown[0]}; they are {first} to {last}")
+        raise RecordingError(f"{recording.path}: world {unknown[0]} does not exist; they are {first} to {last}")
     return [w - first for w in asked]

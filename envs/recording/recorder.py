@@ -38,7 +38,7 @@ class Recorder:
     """A recorder of every tick of an environment in the file `path`; made by outlast.record.
 
     A context manager; `close` writes the remaining ticks. It is an ecs.Observer of the environment's ticks.
-    The file is there from the first tick on; without ticks there is none. Raises RecordingError if it exists or cannot
+    The file exists from the first tick on; without ticks none is made. Raises RecordingError if it exists or cannot
     be written.
     """
 
@@ -158,7 +158,7 @@ class Recorder:
 class _Appender:
     """A file to which chunks of tick records are appended. Chunks that were written are never touched again.
 
-    Its state is replaced in one piece once a chunk is in the file. So Ctrl-C, at whatever moment, neither loses ticks
+    Its state is replaced in one piece once a chunk is in the file. So Ctrl-C, at any time, neither loses ticks
     nor writes them twice: a chunk that was only begun is written again from its beginning.
 
     It is a temporary file until the first tick is in it, which is written at once: so no file without ticks is in the

@@ -30,7 +30,7 @@ class Replay:
         recording: The recording.
         worlds: An ecs.Worlds, in the state after the tick that `ticks` yielded last; read its tables and its `mode`.
         summary: The summary of the episodes that have ended so far; once all of them have, it is that which the
-            recorded rollout printed. Of a recording that does not say what was counted, it is of the first episode of
+            recorded rollout printed. Without the counts in a recording, it is of the first episode of
             each world, once each has ended one.
         episodes: How many episodes have begun in each world so far, int64 (worlds,). A clock's `episode` may differ: it
             starts again when a seed is given, and a level with a key sets it.
@@ -100,7 +100,7 @@ class Replay:
             one has been asked for its first tick.
 
         Raises:
-            RecordingError: There are no such ticks or rows; or, while iterating, the file is damaged, or another
+            RecordingError: Ticks or rows do not exist; or, while iterating, the file is damaged, or another
                 iterator has started.
             ReplayError: While iterating: the state after a tick is not what it was.
         """
@@ -110,7 +110,7 @@ class Replay:
             raise RecordingError(f"worlds = {worlds!r}: rows of the tables are needed, as in [0, 3]")
         rows = None if worlds is None else list(worlds)
         if wrong := [row for row in rows or () if not (is_whole(row) and 0 <= row < self.worlds.count)]:
-            raise RecordingError(f"worlds: there is no row {wrong[0]!r}; they are 0 to {self.worlds.count - 1}")
+            raise RecordingError(f"worlds: row {wrong[0]!r} does not exist; they are 0 to {self.worlds.count - 1}")
         return self._ticks(verify, first, last, rows)
 
     def _ticks(self, verify: bool, first: int, last: int | None, rows: list[int] | None) -> Iterator[int]:

@@ -26,8 +26,8 @@ class TickFormat:
     agents: int
     joint_actions: int  # number of joint actions of an agent
     digest_size: int  # count of numbers in a digest
-    digest_period: int  # after so many ticks, a digest is made of the same worlds again
-    policy: np.dtype[Any] | None = None  # the record of what a policy thought, see policy_record; None: there is none
+    digest_period: int  # ticks until a digest is made of the same worlds again
+    policy: np.dtype[Any] | None = None  # the record of a policy's probabilities, see policy_record; None: not recorded
     given: int = 0  # count of words of given numbers, see ecs.memory.numbers.Given
 
     @property

@@ -20,7 +20,7 @@ SHIFT = 4  # bits of a pixel's fraction in OpenCV's fixed-point numbers
 UNIT = 1 << SHIFT
 FAR = 1000  # in halves of the picture; points farther out would overflow fixed-point numbers
 FONT_HEIGHT = 21  # pixels: height of a digit of the font at scale 1
-BOLD = 24  # digits of so many pixels' height have strokes a pixel wide, and larger ones in proportion
+BOLD = 24  # digits of this height, pixels, have strokes a pixel wide, and larger ones in proportion
 READABLE = 7  # pixels: height of a digit in the smallest text worth drawing
 BLEED = 0.6  # pixels that OpenCV's anti-aliasing adds around a filled shape
 THINNEST = 0.5  # pixels: half the width of the thinnest body
@@ -56,7 +56,7 @@ class Canvas:
         self._projection = self._unit, middle, down, self._far
 
     def clear(self, color: Color) -> None:
-        """Fill the whole picture with a colour."""
+        """Fill the picture with a colour."""
         cv2.rectangle(self.image, (0, 0), (self.size, self.height), color, cv2.FILLED)
 
     def circle(self, x: float, y: float, radius: float, color: Color, width: float = 0) -> None:
@@ -93,7 +93,7 @@ class Canvas:
         self._glaze(np.rint(corners * (self._unit, -self._unit) + self._origin).astype(np.int32), color, opacity)
 
     def rectangle(self, left: float, lower: float, right: float, upper: float, color: Color) -> None:
-        """Draw a filled upright rectangle with crisp edges: it covers whole pixels, at least one."""
+        """Draw a filled upright rectangle with crisp edges: it covers complete pixels, at least one."""
         if abs(left) + abs(lower) + abs(right) + abs(upper) < self._far:
             x, y = _whole(self.size / 2 + left * self.scale), _whole(self.height / 2 - upper * self.scale)
             wide, high = _whole((right - left) * self.scale), _whole((upper - lower) * self.scale)
@@ -189,7 +189,7 @@ def _fixed(corners: Sequence[Point], projection: Projection) -> Image | None:
 
 
 def _whole(pixels: float) -> int:
-    """Round, halves always up, so that a shape that moves by a whole pixel does not change its size."""
+    """Round, halves always up, so that a shape that moves by one pixel does not change its size."""
     return math.floor(pixels + 0.5)
 
 

@@ -43,7 +43,7 @@ def draw(worlds: Worlds, w: int, size: int = 512, layers: Iterable[Layer] | None
         as those of FILM_LAYERS.
 
     Raises:
-        ValueError: The size is out of range, or there is no such world.
+        ValueError: The size is out of range, or the world does not exist.
         TypeError: A layer is not a Layer, or `worlds` is not an ecs.Worlds.
     """
     _check("size", size, SMALLEST, LARGEST, "pixels")
@@ -64,7 +64,7 @@ def text(worlds: Worlds, w: int) -> str:
     room, or the space beside a room that is not square. Colons are outside the safe zone.
 
     Raises:
-        ValueError: There is no such world.
+        ValueError: The world does not exist.
     """
     scene = _scene(worlds, w)
     grid = [[" "] * COLUMNS for _ in range(LINES)]

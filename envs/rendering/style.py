@@ -1,6 +1,6 @@
 """Colours and sizes of pictures, films and pages. web/assets.py passes them to JavaScript.
 
-Colours are those of Okabe and Ito, which colour-blind people can tell apart, on greys. Sides, heals and strikes never
+Colours are those of Okabe and Ito, which are distinct to colour-blind people, on greys. Sides, heals and strikes never
 share a colour. Source: M. Okabe, K. Ito, "Color Universal Design" (2008).
 """
 
@@ -27,7 +27,7 @@ KINDS = ((150, 90, 40), (0, 140, 140), (150, 40, 110), (110, 125, 30), (90, 80, 
 
 @dataclass(frozen=True)
 class Sizes:
-    """Lengths in metres, unless a comment says otherwise."""
+    """Lengths in metres, unless a comment gives another unit."""
 
     margin: float = 1.1  # the picture's side over the room's, so that bars of agents at a wall, or words, fit in
     # its corners, in radii of the agent ahead and to the left

@@ -32,7 +32,7 @@ def visible_corners(
 
     Args:
         x: The camera's place, metres.
-        y: Likewise.
+        y: Its second coordinate, metres.
         angle: The direction in which it looks, radians.
         fov: The cone's opening angle, radians, up to pi.
         depth: How far it reaches, metres.
@@ -96,7 +96,7 @@ def polygon_hits(rays: Array, polygons: Array, x: float, y: float) -> Array:
         rays: Directions, float64 (rays, 2), of length 1.
         polygons: Corners, counter-clockwise, float64 (polygons, corners, 2), metres.
         x: Where the rays begin, metres; a polygon that contains this point is not entered.
-        y: Likewise.
+        y: Their second coordinate, metres.
     """
     along = np.roll(polygons, -1, 1) - polygons
     normals = np.stack([along[..., 1], -along[..., 0]], -1)

@@ -1,1 +1,1 @@
-"""Rollouts: policies play whole episodes in many worlds, here or on a Ray cluster, and summaries are made of them."""
+"""Rollouts: policies play episodes in many worlds, here or on a Ray cluster, and summaries are made of them."""

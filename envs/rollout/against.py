@@ -20,7 +20,7 @@ PLAYED = ("against", "own_side", "result")  # columns that tables of episodes ge
 class Against:
     """A policy on one side of each world and a line-up on all others, as one policy with a memory.
 
-    lineup.own_side says which side that is, and outcome.own_wins who wins.
+    That side is lineup.own_side, and the result outcome.own_wins.
 
     If numbers of agents vary, an episode may have one side only; such episodes are not counted.
 
@@ -76,9 +76,9 @@ class Against:
         np.add.at(self.counts, (self._others.drawn[rows], self._results[rows]), 1)
 
     def played(self, rows: Array) -> dict[str, Array]:
-        """Return what tables say about the episodes that have just ended in the worlds `rows`.
+        """Return the columns of tables about the episodes that have just ended in the worlds `rows`.
 
-        `against` (text): whom the policy played; `own_side` (int); `result` (text), "" if there was no other side.
+        `against` (text): the opponent of the policy; `own_side` (int); `result` (text), "" without another side.
         """
         names, results = np.array(self._others.names), np.array([*RESULTS, ""])
         found = names[self._others.drawn[rows]], self._own[rows], results[self._results[rows]]

@@ -71,7 +71,7 @@ def checked_entries(pairs: Iterable[tuple[Any, Any]], names: Collection[str] = t
         names: The names that are allowed.
 
     Raises:
-        UsageError: There are no pairs, one of them is something else, or a policy is given twice.
+        UsageError: Pairs are empty, one of them is of another type, or a policy is given twice.
     """
     entries: Entries = []
     for given, weight in pairs:
@@ -79,7 +79,7 @@ def checked_entries(pairs: Iterable[tuple[Any, Any]], names: Collection[str] = t
         if isinstance(policy, str):
             policy = _named(policy, names)
         elif not callable(policy):
-            raise UsageError(f"{policy!r} is no policy: {_needed(names)}, or a function (observations) -> actions")
+            raise UsageError(f"{policy!r} is not a policy: {_needed(names)}, or a function (observations) -> actions")
         if _same(policy) in [_same(other) for other, _ in entries]:
             raise UsageError(f"{policy} is there twice: give it once, with the sum of its weights")
         entries.append((policy, _checked_weight(policy, weight)))
@@ -156,8 +156,8 @@ def own_policy(name: str) -> Callable[[SurvivalVectorEnv, int], Policy]:
             (env) or (env, seed), whose first parameter is called env, that returns one.
 
     Raises:
-        UsageError: It is no function; or later, what it returned is none.
-        ScenarioError: There is no such name, or the file or module cannot be imported.
+        UsageError: It is not a function; or later, it returned another type.
+        ScenarioError: The name is unknown, or the file or module cannot be imported.
     """
     place, _, member = name.rpartition(":")
     return maker_of(member_of(module_of(place), member, place, ()), name)
@@ -263,10 +263,10 @@ class Lineup:
             self.agents = slice(int(learner == 0), last if learner == last and last else None)
         self.names = tuple(names) or tuple(getattr(policy, "__name__", str(policy)) for policy in given)
         self._policies = [self._playing(policy, env, ids) for policy in given]
-        said, self._axes = "the actions that {0} returned", "(worlds, agents, actions)"
+        what, self._axes = "the actions that {0} returned", "(worlds, agents, actions)"
         if learner is not None:
-            said, self._axes = f"others: {said}", "(worlds, agents but the learner, actions)"
-        self._whats = [said.format(name) for name in self.names]
+            what, self._axes = f"others: {what}", "(worlds, agents but the learner, actions)"
+        self._whats = [what.format(name) for name in self.names]
         self._shape = (env.num_worlds, len(ids), len(env.action_sizes))
         self._foreign = any(map(is_foreign, given))  # users' functions, which may keep the arrays that they get
         self._begins = None if len(given) == 1 and not has_memory(self._policies[0]) else Begins(env)

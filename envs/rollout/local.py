@@ -36,7 +36,7 @@ def rollout(
         env: Worlds that restart by themselves.
         policy: See memory.told.
         steps: See outlast.rollout.
-        progress: Likewise.
+        progress: See outlast.rollout.
         episodes: How many episodes of each world; without effect if `steps` are given.
         watch: See outlast.rollout. It can look at the environment, at env.events() for example.
         ended: Called when episodes end, with info and the worlds in which an ended episode counts, bool (worlds,).

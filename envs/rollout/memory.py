@@ -1,4 +1,4 @@
-"""Policies with a memory: they are told in which worlds episodes begin."""
+"""Policies with a memory, which need to know where episodes begin."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -45,7 +45,7 @@ def check_memories(policies: Sequence[Any]) -> None:
 
 
 def tell(policy: Any, where: Array) -> None:
-    """Tell a policy, if it has a memory, in which worlds episodes begin, bool (worlds,)."""
+    """Notify a policy, if it has a memory, of the worlds in which episodes begin, bool (worlds,)."""
     if has_memory(policy) and where.any():
         policy.reset(where)
 

@@ -1,4 +1,4 @@
-"""Winners of episodes: the side that lives longest or, where the game says how far sides have come, the farthest."""
+"""Winners of episodes: the side that lives longest or, in games with scores of sides, has the highest score."""
 
 import numpy as np
 
@@ -31,7 +31,7 @@ class Standings:
     def of(self, rows: Array) -> Array:
         """Return how far the sides of the worlds `rows` have come, float64 (rows, sides); absent ones -inf.
 
-        That is what a mechanic says in components.Outcome, or the ticks that they have lived.
+        That is the score in components.Outcome, or the ticks that they have lived.
         """
         come = self._worlds[Outcome].outcome[rows] if Outcome in self._worlds else self.life[rows]
         there = (side(self._worlds, rows)[:, :, None] == np.arange(come.shape[1])).any(1)
@@ -56,7 +56,7 @@ def own_wins(come: Array, own: Array) -> Array:
 def shares_beaten(come: Array, own: Array, sides: Array) -> Array:
     """Return the share of the other sides that one side of each world came farther than, by living longer or otherwise.
 
-    For sides that play equally well it is 1/2 on average, whatever their number; for two sides it is `own_wins`.
+    For sides that play equally well it is 1/2 on average for any number; for two sides it is `own_wins`.
 
     Args:
         come: How far each side came, (worlds, sides).

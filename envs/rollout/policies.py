@@ -1,4 +1,4 @@
-"""Policies that need no training. A policy is a function (observations) -> actions for a whole batch of worlds.
+"""Policies that need no training. A policy is a function (observations) -> actions for a batch of worlds.
 
 A policy with a memory also has a method `reset`; see memory.told.
 """
@@ -36,7 +36,7 @@ def maker_of(given: Any, name: str) -> Callable[[SurvivalVectorEnv, int], Policy
         name: What errors call it.
 
     Raises:
-        UsageError: It is no function; or later, what it returned is none.
+        UsageError: It is not a function; or later, it returned another type.
     """
     if not callable(given):
         raise UsageError(f"{name} is {given!r:.60}: a policy, or a function (env, seed) that returns one, is needed")
@@ -154,7 +154,7 @@ def scripted_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
 
 
 def camper_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
-    """Make a policy that waits where the next zone will be, chases nobody, and strikes whoever comes into reach.
+    """Make a policy that waits where the next zone will be, does not chase, and strikes enemies in reach.
 
     It looks around from its post, and turns towards an enemy in sight. It fetches heals around its post, and uses them
     when wounded. It breaks boxes nearby, picks them up, and sets them up between itself and an enemy that comes close.
@@ -188,7 +188,7 @@ def hoarder_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
     """Make a policy that fetches all heals and box items that it sees, and keeps away from enemies.
 
     It uses an item when it is nearly dead, or when it stands at another one that does not fit into its bag, and strikes
-    whoever corners it.
+    an enemy that corners it.
 
     Args:
         env: The environment that the policy is to play in.
@@ -227,7 +227,7 @@ POLICIES: dict[str, Callable[[SurvivalVectorEnv, int], Policy]] = {
 
 
 def others_policy(name: str, env: SurvivalVectorEnv, agents: Any) -> Policy:
-    """Make one of POLICIES for some agents only. It gets their observations by key and unscaled, whatever env returns.
+    """Make one of POLICIES for some agents only. It gets their observations by key and unscaled, for any form of env.
 
     Args:
         name: Name of the policy. "random" is a function of (seed, world, episode, tick, agent), whenever it is called.

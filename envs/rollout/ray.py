@@ -30,7 +30,7 @@ def connected(address: str = "") -> Iterator[None]:
     """Connect to the Ray cluster at `address`, unless this process is connected to one already.
 
     The address "" stands for the cluster that $RAY_ADDRESS names or that runs on this machine; without one, a new
-    cluster runs on this machine as long as the connection is open. Raises ClusterError if there is no cluster.
+    cluster runs on this machine as long as the connection is open. Raises ClusterError without a cluster.
     """
     if ray.is_initialized():
         yield

@@ -101,7 +101,7 @@ def located(given: str | os.PathLike[str]) -> Path:
     """Return the file of a saved policy: a model's, by its name; the file that is named; a run's newest, by its folder.
 
     Raises:
-        UsageError: There is no such model, or its file cannot be had; or the folder is not that of a single run.
+        UsageError: The model is unknown, or its file cannot be fetched; or the folder does not hold a single run.
     """
     text = text_of(given)
     if text in models():
@@ -120,7 +120,7 @@ def checkpoints(folder: Path) -> list[Path]:
 
 
 def runs_in(place: Path) -> list[Path]:
-    """Return the folder itself, if it has checkpoints, or those in it that have some. UsageError if there are none."""
+    """Return the folder itself, if it has checkpoints, or those in it that have some. UsageError if none has."""
     found = [place] if checkpoints(place) else sorted(path for path in place.iterdir() if checkpoints(path))
     if not found:
         raise UsageError(f"there is no checkpoint in {place} yet, nor in folders in it")
@@ -144,7 +144,7 @@ def policy_file(name: str, names: Collection[str]) -> str:
 
 
 def load_saved(path: str, seed: int = 0) -> Any:
-    """Return outlast.load_policy(path, seed). Raise UsageError if there is no PyTorch, or no such policy."""
+    """Return outlast.load_policy(path, seed). Raise UsageError without PyTorch, or if the policy does not exist."""
     import outlast  # imported here, as outlast imports the environments
 
     try:

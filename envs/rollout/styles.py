@@ -17,7 +17,7 @@ from ..errors import UsageError
 
 REACH = 2.0  # metres: reach of a strike, and of giving
 STRIKE = REACH + 0.5  # metres: agents strike if an enemy's centre is closer, as a strike has only to meet its rim
-SCRATCHED, WOUNDED, WEAK = 90, 70, 30  # with so many hit points or fewer
+SCRATCHED, WOUNDED, WEAK = 90, 70, 30  # with at most this many hit points
 LOOK, SWEEP = 1.0, 2.0  # radians: who sees no target turns as if it were so far to the left, and so looks around
 HOME, FETCH = 3.0, 10.0  # metres from its post up to which a camper fetches heals, and boxes
 COVER = 2.0  # metres from its post within which a camper leaves boxes where they stand
@@ -28,7 +28,7 @@ LEAD = 0.5  # seconds: who follows another agent goes to where it will be after 
 AT_FEET = 0.4  # metres, less than the reach of picking up: an item that still lies there does not fit into the bag
 # in radii of the zone: agents beyond RIM hurry to the next zone; to wait for it, they go up to INSIDE
 RIM, INSIDE = 0.9, 0.7
-PATROL, NARROW = 0.6, 3.0  # a hunter circles at this share of the zone's radius, but at least at so many metres
+PATROL, NARROW = 0.6, 3.0  # a hunter circles at this share of the zone's radius, but at least at this many metres
 STEP = np.float32(0.6)  # radians: it heads for a point of the circle so far ahead
 FEW = 3  # levels of a motor each way; if it has more, a value of 1 means the highest one, see `level`
 GAIN = 8.0  # per second: agents with Steering go to their goal, and turn to it, at this times the way that is left
@@ -65,7 +65,7 @@ class Intent(NamedTuple):
     Attributes:
         goal: Where to be, float32 (..., 2), metres.
         error: How far to turn to the left, float32 (...), radians.
-        attack: Whether to strike, bool (...). use, give: likewise.
+        attack: Whether to strike, bool (...). use, give: the same for these actions.
     """
 
     goal: Any
@@ -80,8 +80,8 @@ class Seen:
 
     Attributes:
         health: Hit points, float32 (...); infinite in games without.
-        position: float32 (..., 2), metres. velocity: likewise, metres a second.
-        angle: float32 (...), radians. omega: likewise, radians a second.
+        position: float32 (..., 2), metres. velocity: float32 (..., 2), metres a second.
+        angle: float32 (...), radians. omega: float32 (...), radians a second.
         centre: Centre of the next zone, float32 (..., 2), metres; without zones the middle of the room.
         outside: Whether the agent is outside the present zone or close to its rim, bool (...).
         has_teams: Whether there are teams, bool.
@@ -246,7 +246,7 @@ def hunter(seen: Seen) -> Intent:
 
 
 def hoarder(seen: Seen) -> Intent:
-    """Fetch whatever can be picked up, keep away from enemies, and use items late."""
+    """Fetch all items, keep away from enemies, and use items late."""
     enemy, item = seen.nearest("others", seen.enemies), closer(seen.nearest("heals"), seen.nearest("box_items"))
     threat, post = enemy.within(WARY), seen.post()
     away = seen.position + 2 * unit(seen.position - enemy.place) + unit(post - seen.position)
@@ -256,7 +256,7 @@ def hoarder(seen: Seen) -> Intent:
 
 
 def healer(seen: Seen) -> Intent:
-    """Stay with team-mates, treat their wounds before its own, and fight whoever is in reach."""
+    """Stay with team-mates, treat their wounds before its own, and fight enemies in reach."""
     enemy, mate = seen.nearest("others", seen.enemies), seen.nearest("others", seen.mates, lead=LEAD)
     hurt, health = seen.health_of("others"), seen.health[..., None]
     worse = seen.mates * (hurt <= SCRATCHED) * (hurt < health)

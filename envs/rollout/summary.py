@@ -29,7 +29,7 @@ class Summary:
             cut off, so means lean towards short ones.
         world_steps: How many steps were taken, added up over worlds.
         sums: The sum of each statistic, float64 (worlds,) or (worlds, n), n agents, sides ...
-        squares: The sums of squares, likewise.
+        squares: The sums of squares, in the same form.
         counts: For statistics that some episodes lack (those of agents and sides, and MOMENTS), how many episodes had
             each, int64 (worlds, n) or (worlds,). For all others, every episode counts.
         outcomes: How many of the episodes the policy won, drew and lost against each of the others, by name, int (3,);
@@ -95,14 +95,14 @@ class Summary:
         Returns:
             Statistics by name, (episodes,) or (episodes, n), n agents, sides ...; and, as in files of episodes, `world`
             and `episode`, int64 (episodes,), and with others also `against`, `own_side` and `result`. If some episodes
-            lack agents or sides, their statistics are masked arrays. `first_death` is 0 where nobody died. Empty if no
+            lack agents or sides, their statistics are masked arrays. `first_death` is 0 without deaths. Empty if no
             episode ended.
 
         Raises:
             UsageError: The statistics were not kept.
         """
         if self.kept is None:
-            raise UsageError("the statistics of single episodes were not kept: say outlast.rollout(..., keep=True)")
+            raise UsageError("the statistics of single episodes were not kept: call outlast.rollout(..., keep=True)")
         found = {key: _joined([part[key] for part in self.kept]) for key in (self.kept[0] if self.kept else ())}
         order = np.argsort(found["world"], kind="stable") if found else ()
         return {key: values[order] for key, values in found.items()}

@@ -31,7 +31,7 @@ Ended = Callable[[Mapping[str, Any], Array], Result]
 
 TYPED = (".csv", ".parquet")  # endings of the files that tables can be written to
 EVENTS = {"world": "int64", "episode": "int64", "tick": "int64", "amount": "float64"}  # Arrow's types of columns
-ROWS = 100_000  # so many rows are kept in memory, and written together
+ROWS = 100_000  # rows kept in memory, and written together
 
 
 class TableFile:
@@ -187,7 +187,7 @@ def check_table(path: str | os.PathLike[str], what: str, typed: bool) -> Path:
 
 
 class _Csv:
-    """A writer of UTF-8 with a row of headings; lines end as RFC 4180 says."""
+    """A writer of UTF-8 with a row of headings; lines end as in RFC 4180."""
 
     def __init__(self, file: BinaryIO, columns: Sequence[str]) -> None:
         self._file, self._columns = file, columns

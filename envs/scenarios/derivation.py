@@ -50,7 +50,7 @@ def by_full_name(find: Callable[[str], tuple[str, str]], given: Sequence[tuple[s
         given: Names, in any form, and values.
 
     Raises:
-        NumberError: A number is unknown, or is given twice, by two of its names, say.
+        NumberError: A number is unknown, or is given twice, such as by two of its names.
     """
     found = dict[str, Any]()
     for name, value in given:
@@ -81,7 +81,7 @@ def all_replaced(modules: Iterable[Module], given: Mapping[tuple[str, str], Any]
 
 
 def _replaced(module: Module, given: dict[str, Any]) -> Module:
-    """Return a copy with other numbers; the error for a count of 0 says how to get none."""
+    """Return a copy with other numbers; the error for a count of 0 names the cure."""
     try:
         return module.replace(**given)
     except NumberError as error:

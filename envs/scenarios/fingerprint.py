@@ -20,7 +20,7 @@ LARGEST = 2**22  # bytes of the state of one world at most
 LONGEST = 200  # characters of a name or another word at most
 DEEPEST = 8  # lists and objects within each other
 KINDS = {"numbers": dict, "code": dict, "order": list, "varied": dict, "observed": list, "roles": dict}
-MORE = {  # optional entries of a fingerprint, and what they say
+MORE = {  # optional entries of a fingerprint, and their meanings
     "varied": "what numbers are drawn from",
     "observed": "which numbers are observed",
     "roles": "who has which role",
@@ -77,7 +77,7 @@ def is_word(given: Any) -> bool:
 
 
 def difference(given: Any, own: dict[str, Any]) -> str:
-    """Return the name in that fingerprint and its first difference from the own one; "" if there is no difference."""
+    """Return the name in that fingerprint and its first difference from the own one; "" without a difference."""
     if not is_fingerprint(given):
         return "(it does not name one)"
     found = next(_differences(given, own), "")
@@ -122,7 +122,7 @@ def rebuilt(fingerprint: dict[str, Any], names: list[str], strict: bool = True) 
     """Make the scenario of a fingerprint and the full names of its classes.
 
     Raises:
-        ScenarioError: There is no such scenario here.
+        ScenarioError: The scenario does not exist here.
         NumberError: A value is not allowed.
     """
     modules = rebuilt_mechanics(sorted(names), fingerprint["numbers"], strict)

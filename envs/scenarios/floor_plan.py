@@ -67,9 +67,9 @@ class FloorPlan:
             radians, 0 if left out.
         starts: Start areas (owner, x, y, width, height, angle), where the angle may be left out as well. The owner is
             the number of a side, the name of a kind such as "heal" or "crate", or "items" for all other kinds that
-            have a start place. Whatever has no area starts anywhere.
+            have a start place. Kinds without an area start anywhere.
         width: Width of the room that the plan is for, metres; 0: a room of any size.
-        height: Height of that room, likewise.
+        height: Height of that room.
 
     Raises:
         ScenarioError: A rectangle or a size is not valid, or there are too many rectangles.
@@ -117,7 +117,7 @@ class FloorPlan:
             kinds: The kinds that start at other signs: {"c": "crate", "r": "ramp"}.
 
         Raises:
-            ScenarioError: The text has another character or no lines, or is no plan that can be (see `FloorPlan`).
+            ScenarioError: The text has another character or no lines, or is not a possible plan (see `FloorPlan`).
         """
         if not 0 < _real("cell", cell) <= 1e3:
             raise ScenarioError(f"cell = {cell!r}: the metres of a character are needed")
@@ -140,7 +140,7 @@ class FloorPlan:
             w: The number of the world.
 
         Raises:
-            ScenarioError: There is no such world.
+            ScenarioError: The world does not exist.
             TypeError: `worlds` is something else, as an environment.
         """
         last = checked_worlds(worlds).count - 1
@@ -329,7 +329,7 @@ def _drawn(text: str, cell: float, signs: Collection[str]) -> tuple[list[tuple[s
         Sign and (x, y, width, height, angle) of each rectangle, metres; the drawing's numbers of columns and rows.
 
     Raises:
-        ScenarioError: A character has no meaning, or there are no lines.
+        ScenarioError: A character has no meaning, or the text is empty.
     """
     lines = [line.rstrip() for line in textwrap.dedent(text).splitlines()]
     while lines and not lines[0]:

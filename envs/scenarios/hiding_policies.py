@@ -16,7 +16,7 @@ def scripted(env: Any) -> Callable[[Mapping[str, Any]], Any]:
     """Make a policy: seekers run after the nearest hider that they see, and otherwise along the longest ray of lidar.
 
     Hiders run from seekers that are near; else they go to the nearest crate that they see, hold it, and lock it.
-    Without lidar, who sees nobody turns.
+    Without lidar, an agent that sees no others turns.
     """
     own, others, crates = (env.fields[key] for key in ("own", "others", "crates"))
     place, team, angle, holds = (columns_of(own, *names) for names in (("x", "y"), ("team",), ("angle",), ("holds",)))

@@ -41,7 +41,7 @@ def module_of(place: str) -> ModuleType:
         place: "FILE.py", or "package.module".
 
     Raises:
-        ScenarioError: There is no such file or module, it raises an exception, or its name is that of another module.
+        ScenarioError: The file or module does not exist, it raises an exception, or its name is that of another module.
     """
     return _import_file(place) if place.endswith(".py") else _import_module(place)
 
@@ -55,7 +55,7 @@ def scenario_in(place: str, name: str, offered: str = "") -> Scenario:
         offered: How a scenario without a name of its own is called; "": by its name there.
 
     Raises:
-        ScenarioError: There is no such scenario, or the file or module cannot be imported (see `module_of`).
+        ScenarioError: The scenario is unknown, or the file or module cannot be imported (see `module_of`).
     """
     module = module_of(place)
     own = {key: value for key, value in vars(module).items() if isinstance(value, Scenario)}
@@ -89,7 +89,7 @@ def member_of(module: ModuleType, name: str, place: str, wanted: Collection[str]
     """Return the member of that name of a module, which the user called `place`.
 
     Raises:
-        ScenarioError: There is no such member; the message lists the names in `wanted`.
+        ScenarioError: The member does not exist; the message lists the names in `wanted`.
     """
     if not hasattr(module, name):
         own = [key for key, value in vars(module).items() if getattr(value, "__module__", None) == module.__name__]
@@ -125,7 +125,7 @@ def _import_file(text: str) -> ModuleType:
         parts, folder = [folder.name, *parts], folder.parent
     name = ".".join(parts)
     if not all(part.isidentifier() for part in parts):
-        raise ScenarioError(f"{text} cannot be imported: '{name}' is no name of a module; rename the file")
+        raise ScenarioError(f"{text} cannot be imported: '{name}' is not a name of a module; rename the file")
     added = str(folder) not in sys.path
     if added:
         sys.path.insert(0, str(folder))

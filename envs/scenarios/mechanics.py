@@ -77,5 +77,5 @@ def rebuilt_mechanics(names: Iterable[str], numbers: Mapping[str, Any], strict: 
             raise ScenarioError(f"the number {missing[0]} is missing; was it made by another version of outlast?")
         made.append(kind(**{item: left.pop(full) for item, full in own.items() if full in left}))
     if strict and left:
-        raise ScenarioError(f"there is no number {next(iter(left))}; was it made by another version of outlast?")
+        raise ScenarioError(f"unknown number {next(iter(left))}; was it made by another version of outlast?")
     return tuple(made)

@@ -19,7 +19,7 @@ class NumberRow(NamedTuple):
         default: Its default in the mechanic.
         allowed: Its range, or its choices.
         unit: Its unit in words; "" if it has none, or none is declared.
-        about: What it is; "" if its declaration does not say.
+        about: Description; "" if its declaration has none.
     """
 
     name: str
@@ -69,7 +69,7 @@ def allowed(default: Any, rule: Mapping[str, Any]) -> str:
         return ", ".join(choices)
     if isinstance(default, bool):
         return "true, false"
-    ends = (rule.get(key, math.inf) for key in ("low", "above", "high"))  # infinite if there is none
+    ends = (rule.get(key, math.inf) for key in ("low", "above", "high"))  # infinite without a bound
     low, above, high = (f"{end:.10g}" if math.isfinite(end) else "" for end in ends)
     if above:
         text = f"above {above}" + (f", up to {high}" if high else "")

@@ -41,11 +41,11 @@ def named(text: str) -> Scenario:
             ablations, as in "teams_2+health_cap".
 
     Raises:
-        ScenarioError: There is no such scenario, an ablation does not fit it, or what is imported raises an exception.
+        ScenarioError: The scenario is unknown, an ablation does not fit it, or what is imported raises an exception.
     """
     match = NAME.fullmatch(text)
     if match is None:
-        raise ScenarioError(f"{text!r} is no name of a scenario; {OWN}")
+        raise ScenarioError(f"{text!r} is not a name of a scenario; {OWN}")
     place, name = match["place"], match["name"]
     ablations = match["ablations"].split("+")[1:]
     if place.endswith(".json") and name is None:
@@ -66,7 +66,7 @@ def named(text: str) -> Scenario:
 def checks_keywords(make: Callable[Params, Result]) -> Callable[Params, Result]:
     """Decorate a function that takes numbers of a scenario as keywords.
 
-    A keyword that misspells a required argument would be taken for a number, and Python would only say that the
+    A keyword that misspells a required argument would be read as a number, and Python would only report that the
     argument is missing: instead, KeywordError names both.
     """
     needed = [
@@ -101,7 +101,7 @@ def resolve(
         options: Names of the function's own keywords, so that the error for "thread" asks "did you mean threads?".
 
     Raises:
-        ScenarioError: `scenario` is neither, or there is no such scenario.
+        ScenarioError: `scenario` is neither, or is unknown.
         KeywordError: The scenario does not have one of the numbers.
         NumberError: A value is out of its range.
     """
@@ -128,7 +128,7 @@ def mechanic(text: str) -> tuple[Module, list[str]]:
             are literals: nothing is evaluated.
 
     Raises:
-        ScenarioError: There is no such mechanic, or it has no such number.
+        ScenarioError: The mechanic or its number is unknown.
         NumberError: A number is out of its range.
     """
     match = MECHANIC.fullmatch(text.strip())
@@ -178,8 +178,8 @@ def with_roles(scenario: Scenario, path: str | os.PathLike[str]) -> Scenario:
     except OSError as error:
         raise ScenarioError(f"{name} cannot be read: {error.strerror}") from error
     except strict_json.BROKEN as error:
-        said = f"{error}; " if isinstance(error, ValueError) else ""
-        raise ScenarioError(f"{name} does not say roles: {said}as in {ROLES}") from error
+        reason = f"{error}; " if isinstance(error, ValueError) else ""
+        raise ScenarioError(f"{name} does not hold roles: {reason}as in {ROLES}") from error
     try:
         named: Any = {each.name: each for each in found.roles}
         return scenario.roles(drawn=found.drawn, **named)
@@ -194,7 +194,7 @@ def _literal(value: ast.expr) -> Any:
 
 
 def _known(name: str) -> type[Module]:
-    """Return the imported mechanic with that name of its class. Raises ScenarioError if there is none."""
+    """Return the imported mechanic with that name of its class. Raises ScenarioError if it is unknown."""
     # outlast's own come last, so they replace others of the same name
     known = {kind.__name__: kind for kind in imported().values()}
     if name not in known:

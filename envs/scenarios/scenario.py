@@ -50,7 +50,7 @@ class Scenario:
 
     >>> duel = outlast.variant("ffa_3").without(Boxes).replace(n_agents=10, melee_damage=20)
 
-    A derived scenario says what was changed in its name, "ffa_3-without_boxes-n_agents=10-melee_damage=20" above, and
+    The name of a derived scenario lists the changes, "ffa_3-without_boxes-n_agents=10-melee_damage=20" above, and
     in `about`.
 
     Attributes:
@@ -97,7 +97,7 @@ class Scenario:
         for chain in self.order:
             if not all(isinstance(name, str) for name in chain) or not 1 < len({*chain}) == len(chain):
                 raise ScenarioError(
-                    f"{self.name}: {chain!r} is no order: labels or names, at least two, each once, are one"
+                    f"{self.name}: {chain!r} is not an order: at least two labels or names are needed, each once"
                 )
 
     def __repr__(self) -> str:
@@ -157,7 +157,7 @@ class Scenario:
         """Return the scenario with other values for some numbers. Numbers that are set no longer vary.
 
         Numbers that scale with one of them, as safe_zone_radii does with room_size, change in proportion, and a message
-        at level INFO says so; those that were set explicitly, now or earlier, stay as they are.
+        at level INFO reports it; those that were set explicitly, now or earlier, stay as they are.
 
         Args:
             **numbers: Values by name, module_number ("melee_damage"); n_agents stands for agents_count.
@@ -226,7 +226,7 @@ class Scenario:
         varied = dict(self.varied)
         full = ["_".join(self.find_number(name)) for name in names] or [*varied]
         if missing := [name for name in full or ["a number"] if name not in varied]:
-            raise ScenarioError(f"{missing[0]} does not vary here, so it is no observation; vary() it first")
+            raise ScenarioError(f"{missing[0]} does not vary here, so it cannot be observed; vary() it first")
         return self._derived(observed=tuple(sorted({*full})))
 
     def roles(self, /, *, drawn: str = NEVER, observed: bool = True, **roles: Role) -> "Scenario":
@@ -238,13 +238,13 @@ class Scenario:
 
         Args:
             drawn: "never": agents keep the roles that their ids give them. "anyone": each episode draws which agent has
-                which role. "side": likewise, but among the agents of each side.
+                which role. "side": the same, but among the agents of each side.
             observed: Whether agents observe their own and the others' roles, as the field "role" of the rows: a one-hot
                 vector. If not, the rows keep the fields that they had.
             **roles: Roles by name, as returned by outlast.role().
 
         Raises:
-            NumberError: There are no roles; a number is unknown, out of its range or cannot differ between agents; or
+            NumberError: Roles are empty; a number is unknown, out of its range or cannot differ between agents; or
                 `observed` is neither True nor False.
         """
         if not isinstance(observed, (bool, Role)):
@@ -276,7 +276,7 @@ class Scenario:
                 integers (..., agents, actions), with any leading axes, as there may be none.
 
         Raises:
-            ScenarioError: There is no such name, or no such function.
+            ScenarioError: The name or the function is unknown.
         """
         return self._made(self.origin, self.added, policies={**dict(self.policies), **policies})
 
@@ -305,7 +305,7 @@ class Scenario:
 
     @property
     def is_named(self) -> bool:
-        """Return whether it has a name of its own, rather than one that says how it differs from its origin."""
+        """Return whether it has a name of its own, rather than one that describes its difference from its origin."""
         return self.origin is None or self.name != titles(self.origin, self)[0]
 
     @property
@@ -319,7 +319,7 @@ class Scenario:
         return as_filename(self.name).lstrip(".") or "scenario"
 
     def _derived(self, **fields: Any) -> "Scenario":
-        """Return the scenario with other fields, and a name and sentence that say how it differs from its origin.
+        """Return the scenario with other fields, and a name and sentence that describe its difference from its origin.
 
         Numbers of mechanics that it no longer has do not vary any more.
         """
@@ -345,7 +345,7 @@ class Scenario:
         return numbers(self.modules)
 
     def to_json(self) -> str:
-        """Return the whole scenario as JSON, in which mechanics have the full names of their classes."""
+        """Return the scenario as JSON, in which mechanics have the full names of their classes."""
         return json.dumps(as_form(self), indent=1) + "\n"
 
     @classmethod
@@ -391,11 +391,11 @@ class Scenario:
         except OSError as error:
             raise ScenarioError(f"{name} cannot be read: {error.strerror}") from error
         except UnicodeDecodeError as error:
-            raise ScenarioError(f"{name} is no text, and so no scenario") from error
+            raise ScenarioError(f"{name} is not a text, and so not a scenario") from error
         except (ScenarioError, NumberError) as error:
             raise type(error)(f"{name}: {error}") from error
         except ValueError as error:
-            raise ScenarioError(f"{name} is no scenario: {error}") from error
+            raise ScenarioError(f"{name} is not a scenario: {error}") from error
 
     def __getitem__(self, kind: type[Module] | str) -> Module:
         """Return the mechanic of this class or name."""
@@ -415,7 +415,7 @@ class Scenario:
     def find_number(self, asked: str, options: Iterable[str] = ()) -> tuple[str, str]:
         """Return the module and the number that `replace` changes under this name.
 
-        NumberError if there is none; its hint also considers the `options` of a function.
+        NumberError if it is unknown; its hint also considers the `options` of a function.
         """
         key = in_full(asked)
         for module in self.modules:

@@ -38,7 +38,7 @@ MOST = 2.0**128  # numbers are smaller than this
 
 
 def as_form(scenario: Any) -> dict[str, Any]:
-    """Return the whole scenario, with mechanics by the full names of their classes.
+    """Return the scenario, with mechanics by the full names of their classes.
 
     It includes what the scenario was derived from ("origin"), and what "added" mechanics began with: these determine
     which numbers follow others, and how derived scenarios are called.

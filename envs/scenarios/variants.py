@@ -128,7 +128,7 @@ def variant(name: str) -> Scenario:
             plus: "teams_2+health_cap".
 
     Raises:
-        ScenarioError: There is no such variant (the message lists all of them) or no such ablation.
+        ScenarioError: The variant (the message lists all of them) or the ablation is unknown.
     """
     plain, *ablations = str(name).split("+")
     found = VARIANTS.get(ALIASES.get(plain, plain))

@@ -60,7 +60,7 @@ class State:
     def __getitem__(self, which: Any) -> "State":
         which = which.item() if isinstance(which, np.ndarray) and not which.ndim else which
         if isinstance(which, (tuple, bool, np.bool_)) or which is None or np.ndim(which) > 1:
-            raise IndexError(f"a state has one axis, its worlds: {which!r:.80} is no index of it")
+            raise IndexError(f"a state has one axis, its worlds: {which!r:.80} is not an index of it")
         if isinstance(which, (int, np.integer)) and not -len(self) <= which < len(self):
             raise IndexError(f"there is no world {which}: the state is of {len(self)}")
         chosen = slice(which, which + 1 or None) if isinstance(which, (int, np.integer)) else which
@@ -89,7 +89,7 @@ class State:
 
         Raises:
             StateError: The file is not a saved state, is of another version, is damaged or cannot be read.
-            FileNotFoundError: There is no such file.
+            FileNotFoundError: The file does not exist.
         """
         try:
             with open(path, "rb") as file:
@@ -117,7 +117,7 @@ def read(file: BinaryIO, name: str) -> State:
     if "world" not in arrays or len({array.shape[:1] for array in arrays.values()}) != 1 or not arrays["world"].ndim:
         raise StateError(f"{name} is not a saved state: its arrays are not rows of the same worlds")
     if not is_fingerprint(scenario):
-        raise StateError(f"{name} is not a saved state: it does not say of which scenario")
+        raise StateError(f"{name} is not a saved state: it does not name its scenario")
     return State(scenario, arrays)
 
 
@@ -136,7 +136,7 @@ def restore(state: State, scenario: Scenario, worlds: Worlds, masks: dict[str, A
     Raises StateError, before anything is written, if it is of another scenario or not valid (see validation).
     """
     if not isinstance(state, State):
-        raise StateError(f"{state!r:.60} is no State, which get_state() returns and State.load() reads")
+        raise StateError(f"{state!r:.60} is not a State, as get_state() returns and State.load() reads")
     if other := difference(state.scenario, fingerprint(scenario)):
         raise StateError(f"the state is of another scenario {other}")
     rows = _rows(worlds, where)

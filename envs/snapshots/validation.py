@@ -2,7 +2,7 @@
 
 Compiled kernels do not check indices: one out of range would read or write other memory. So outlast's own components
 declare the range of columns that kernels or views use as an index, a length or a part of an address. Other columns do
-no harm, whatever they hold: they are only compared, counted or used in calculations.
+no harm, for any content: they are only compared, counted or used in calculations.
 
 Mechanics of your own should also declare the range of columns that hold an index. If they do not, these are not
 checked, and you should only load states from people you trust:
@@ -130,7 +130,7 @@ def _check_bags(layout: MemoryLayout, block: Array) -> None:
         items, count = bag.items[:, rows], bag.count[:, rows]
         bad = (items < 0) & (np.arange(items.shape[2]) < count[..., None])
         if bad.any():
-            raise _refusal("Bag.items", rows, items, bad, "a row is needed, as Bag.count says that the slot is in use")
+            raise _refusal("Bag.items", rows, items, bad, "a row is needed, as the slot is in use by Bag.count")
 
 
 def _check_sight(layout: MemoryLayout, block: Array) -> None:
@@ -152,7 +152,7 @@ def _check_absent(layout: MemoryLayout, block: Array, started: Array) -> None:
             absent[:, rows] = rows - rows[0] >= words
     if (bad := started[:, None] & ((identity < 0) != absent)).any():
         raise _refusal(
-            "Entity.identity", slice(None), identity, bad, "-1 is needed of who is absent, and of nobody else"
+            "Entity.identity", slice(None), identity, bad, "-1 is needed for absent entities, and only for these"
         )
     if Side in layout.components:
         rows = layout.rows(Side)

@@ -139,6 +139,6 @@ def _keep(path: Path, target: Path) -> None:
         except FileExistsError:
             continue
         if number > 1:
-            reason = f"as another process has written it meanwhile; this is in {place}"
+            reason = f"as another process has just written it; this is in {place}"
             raise FileExistsError(errno.EEXIST, reason, str(target))
         return

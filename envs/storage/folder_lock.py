@@ -30,7 +30,7 @@ class FolderLock:
         Args:
             folder: The folder.
             does: What the holder of the lock does, for the message of `acquire`.
-            writes: Patterns of the names of the files that nobody but the holder of the lock writes.
+            writes: Patterns of the names of the files that only the holder of the lock writes.
         """
         self.folder, self.does, self.writes = folder, does, writes
         self._handle, self._file, self._owner = -1, folder / LOCK, 0
@@ -81,7 +81,7 @@ class FolderLock:
         try:
             handle = os.open(self._file, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
         except FileExistsError:
-            cure = f"; here are no locks of files, so if process {other} was killed, delete {self._file}"
+            cure = f"; files cannot be locked here, so if process {other} was killed, delete {self._file}"
             raise self._taken(cure) from None
         with os.fdopen(handle, "w", encoding="utf-8") as file:
             file.write(f"{host} {os.getpid()}")

@@ -109,7 +109,7 @@ def stops_as_ctrl_c() -> Iterator[list[int]]:
 def save_requests() -> Iterator[list[int]]:
     """Collect SIGUSR1, which asks for a checkpoint and which would otherwise end the process.
 
-    Nothing changes outside of the main thread, if the caller has a handler of its own, or where there is no SIGUSR1.
+    Nothing changes outside of the main thread, if the caller has a handler of its own, or without SIGUSR1.
 
     Yields:
         The signals that have come so far, and not in a context inside this one.

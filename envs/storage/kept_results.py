@@ -38,7 +38,7 @@ def kept_file(file: str, sha256: str, what: str) -> Path:
     try:
         scheme, _, path, *_ = urlsplit(address)
     except ValueError as error:
-        raise UsageError(f"{what}: {ADDRESS} is {address!r}, which is no address: {error}") from error
+        raise UsageError(f"{what}: {ADDRESS} is {address!r}, which is not an address: {error}") from error
     if scheme in ("http", "https"):
         return _downloaded(f"{address.rstrip('/')}/{quote(file)}", file, sha256, what)
     if "://" in address and scheme != "file":

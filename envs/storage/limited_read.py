@@ -29,7 +29,7 @@ def read_text(path: str | os.PathLike[str], most: int = LARGEST_TEXT) -> str:
     """Return the text of a file in UTF-8, in which every line break is a line feed.
 
     Raises:
-        ValueError: It has more than `most` bytes, or is no UTF-8 (then it is a UnicodeDecodeError).
+        ValueError: It has more than `most` bytes, or is not UTF-8 (then it is a UnicodeDecodeError).
         OSError: It cannot be read.
     """
     return io.TextIOWrapper(io.BytesIO(read_bytes(path, most)), encoding="utf-8").read()
@@ -39,7 +39,7 @@ def read_xz(path: str | os.PathLike[str], most: int = LARGEST_TEXT) -> bytes:
     """Return what an xz file holds.
 
     Raises:
-        ValueError: It holds more than `most` bytes, takes more than MEMORY, or is no xz file.
+        ValueError: It holds more than `most` bytes, takes more than MEMORY, or is not an xz file.
         OSError: It cannot be read.
     """
     return unpack(read_bytes(path, most), most)
@@ -51,9 +51,9 @@ def unpack(content: bytes, most: int = LARGEST_TEXT) -> bytes:
     try:
         found = unpacking.decompress(content, most + 1)
     except lzma.LZMAError as error:
-        raise ValueError(f"it is no xz file: {error}") from error
+        raise ValueError(f"it is not an xz file: {error}") from error
     if len(found) > most:
         raise ValueError(f"it holds more than {most:,} bytes")
     if not unpacking.eof:
-        raise ValueError("it is no xz file: it ends too soon")
+        raise ValueError("it is not an xz file: it ends too soon")
     return found

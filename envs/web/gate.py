@@ -25,7 +25,7 @@ from ..progress import Messages
 
 HOST = "127.0.0.1"
 NAMES = (HOST, "localhost")
-ANY = ("0.0.0.0", "::")  # hosts to listen at that stand for all interfaces, and so are no names of pages
+ANY = ("0.0.0.0", "::")  # hosts that stand for all interfaces, and so are not names of pages
 LIVE = "live"  # the path of the websocket, after the token
 USUAL = {"http": 80, "https": 443}  # ports that browsers leave out of addresses and headers
 PLACE = re.compile(r"([\w.-]+|\[[0-9a-f:.]+\]):([1-9]\d{0,4})", re.ASCII | re.IGNORECASE)  # NAME:PORT
@@ -95,7 +95,7 @@ class Gate:
             self._allow("http", f"[{name}]" if ":" in name else name.lower(), port)
 
     def _allow(self, scheme: str, name: str, port: int) -> None:
-        """Let in whoever asks for this name and port, and pages from there."""
+        """Accept requests for this name and port, and pages from there."""
         forms = [f"{name}:{port}"] if port != USUAL[scheme] else [name, f"{name}:{port}"]
         self._hosts += forms
         self._origins += [f"{scheme}://{form}" for form in forms]
@@ -109,7 +109,7 @@ class Gate:
         """Return the path after the token; None if the request is refused.
 
         request: websockets.http11.Request, or a handler of http.server. Only a websocket must name its origin: browsers
-        always send it for websockets, but not for a page that somebody opens.
+        always send it for websockets, but not for a page that a user opens.
         """
         hosts, origins = (request.headers.get_all(name) or [] for name in ("Host", "Origin"))
         if len(hosts) != 1 or hosts[0].lower() not in self._hosts:
@@ -139,7 +139,7 @@ class Listener(socket.socket):
     """A listening socket that has at most MOST connections at once, and waits while descriptors are missing.
 
     Servers report each connection that cannot be accepted: asyncio with a traceback for every attempt, thousands in a
-    second. Both are given the error by which they know that nobody is there (any more), and the log a line each.
+    second. Both get the error of a closed connection, and the log a line each.
     """
 
     def __init__(self, bound: socket.socket) -> None:
@@ -148,7 +148,7 @@ class Listener(socket.socket):
         self._logged: set[str] = set()
 
     def accept(self) -> tuple[socket.socket, Any]:
-        """Return a new connection. Raises BlockingIOError if there is none that can be had now."""
+        """Return a new connection. Raises BlockingIOError if none is available now."""
         try:
             connection, address = super().accept()
         except OSError as error:

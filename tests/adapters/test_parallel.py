@@ -380,7 +380,7 @@ def test_calls_out_of_order() -> None:
     [
         ({"dead": None}, ValueError, "dead = None: allowed are 'end', 'keep'"),
         ({"action_masks": "infos"}, ValueError, "action_masks = 'infos': allowed are 'observation', True and False"),
-        ({"action_masks": "observation", "actions": "continuous"}, ValueError, "there are no action masks"),
+        ({"action_masks": "observation", "actions": "continuous"}, ValueError, "masks exist for discrete actions"),
         ({"max_cycles": 0}, ValueError, "max_cycles = 0: an integer >= 1"),
         ({"max_cycles": 2.5}, ValueError, "max_cycles = 2.5: an integer >= 1"),
         ({"max_cycles": 5, "ending_limit": 5}, ValueError, "the same number"),

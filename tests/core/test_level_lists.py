@@ -157,7 +157,7 @@ def test_levels_of_worlds_are_levels_for_worlds(tmp_path: Path) -> None:
     [
         (lambda content: content.update(level=[]), ScenarioError, "it has 'level'"),
         (lambda content: content["levels"][0].update(seed=3), ScenarioError, "it has 'seed'"),
-        (lambda content: content["levels"][0].update(numbers=[3]), ScenarioError, "is no file of levels"),
+        (lambda content: content["levels"][0].update(numbers=[3]), ScenarioError, "is not a file of levels"),
         (lambda content: content["levels"][0]["numbers"].update(melee_damage=99), NumberError, "level 0: melee_damage"),
         (lambda content: content["levels"][0]["numbers"].update(melee_damage=math.nan), NumberError, "level 0"),
         (lambda content: content["levels"][0]["numbers"].update(melee_damage=10**400), NumberError, "level 0"),

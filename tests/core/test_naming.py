@@ -132,11 +132,11 @@ def test_other_processes_load_its_pickles(folder: Path) -> None:
         ("{}/leaves.py:x", r"leaves\.py, line 2: SystemExit: 3"),
         ("{}/declares.py:x", r"declares\.py, line 3: DeclarationError: "),
         ("{}/json.py:x", r"cannot be imported: 'json' is .*json/__init__\.py; rename it"),
-        ("{}/a-b.py:x", "'a-b' is no name of a module; rename the file"),
+        ("{}/a-b.py:x", "'a-b' is not a name of a module; rename the file"),
         ("no.such.module:x", "there is no module no.such.module"),
         ("json:x", "json has no 'x'"),
         (":x", "there is no module "),
-        ("a:b:c", "'a:b:c' is no name of a scenario; one of your own is FILE.py:NAME"),
+        ("a:b:c", "'a:b:c' is not a name of a scenario; one of your own is FILE.py:NAME"),
         ("ffa_33", "there is no variant 'ffa_33'; did you mean ffa_3 or"),
     ],
 )

@@ -327,9 +327,9 @@ def test_commands_take_roles_from_a_file(tmp_path: Path, capsys: Any) -> None:
         ([{"name": "a", "count": 4, "numbers": {"melee_damage": -1}}], "role a: melee.dam"),
         ([{"name": "drawn", "count": 4, "numbers": {}}], "'drawn' is not a name of a role"),
         ([{"name": "a", "count": 9, "numbers": {}}], "9 a are 9 agents, but n_agents is 4"),
-        ("[]", "does not say roles: roles: [] is not"),
-        ("{", "does not say roles: Expecting property"),
-        ('{"drawn": "never", "drawn": "anyone", "roles": []}', "does not say roles: "),
+        ("[]", "does not hold roles: roles: [] is not"),
+        ("{", "does not hold roles: Expecting property"),
+        ('{"drawn": "never", "drawn": "anyone", "roles": []}', "does not hold roles: "),
     ):
         text = roles if isinstance(roles, str) else json.dumps({"drawn": "never", "roles": roles})
         file.write_text(text)

@@ -395,7 +395,7 @@ def image() -> Any:
         (Statistic, "alive", column("i4"), "two entries of info are called 'alive'"),
         (Statistic, "melee_damage", column("i4"), "two entries of info are called 'melee_damage'"),
         (Statistic, "world", column("i4"), "the statistic 'world' is in tables and logs already; rename it"),
-        (Statistic, "gold", column("i4", key="gold_1"), "'gold_1' ends in a digit, by which these tell sides apart"),
+        (Statistic, "gold", column("i4", key="gold_1"), "'gold_1' ends in a digit, which marks sides in these"),
         (Statistic, "laps", column("i4", "agents"), r"no system writes the statistic Mine.laps, .* Write\[Mine\]"),
         (Action, "attack", column("i1", "agents", low=0, high=1), "are both the action 'attack'"),
         (Action, "jump", column("i1", "agents", low=0, high=1), r"no system reads the action Mine.jump, "),

@@ -168,10 +168,10 @@ def test_commands_import_what_json_needs_if_they_are_told_to(tag: Scenario, tmp_
         (lambda form: form | {"name": "a\nb"}, "its names cannot be"),
         (lambda form: form | {"modules": 3}, "does not hold a scenario"),
         (lambda form: form | {"modules": form["modules"] * 2}, "exclude each other|missing"),
-        (lambda form: form | {"order": [["melee"]]}, "is no order"),
+        (lambda form: form | {"order": [["melee"]]}, "is not an order"),
         (lambda form: form | {"varied": {"x_y": ["uniform", 1, 2]}}, "unknown number 'x_y'"),
         (lambda form: form | {"varied": {"melee_damage": ["uniform", 1, 2]}}, "melee_damage"),
-        (lambda form: form | {"varied": {"melee_damage": ["normal", 1, 2]}}, "is no distribution"),
+        (lambda form: form | {"varied": {"melee_damage": ["normal", 1, 2]}}, "is not a distribution"),
         (lambda form: form | {"observed": ["melee_damage"]}, "melee_damage is observed there, and does not vary"),
         (lambda form: form | {"roles": {"drawn": "never"}}, "roles: .* is not"),
         (lambda form: form | {"roles": ROOM_ROLE}, "role a: the number room_size is the same for all agents"),
@@ -180,7 +180,7 @@ def test_commands_import_what_json_needs_if_they_are_told_to(tag: Scenario, tmp_
         (lambda form: form | {"added": {"safe_zone_radii": [[1, 2], 10**400]}}, "added safe_zone_radii = "),
         (lambda form: form | {"added": {"safe_zone_radii": 3}}, "added safe_zone_radii = 3 is not"),
         (lambda form: form | {"numbers": {}}, "the number agents_count is missing"),
-        (lambda form: form | {"numbers": form["numbers"] | {"x_y": 3}}, "there is no number x_y"),
+        (lambda form: form | {"numbers": form["numbers"] | {"x_y": 3}}, "unknown number x_y"),
         (lambda form: form | {"numbers": form["numbers"] | {"melee_damage": -1}}, "melee.damage = -1: must be >= 0"),
     ],
 )
@@ -197,7 +197,7 @@ def test_files_that_hold_no_json(tmp_path: Path) -> None:
     (tmp_path / "b.json").write_text("{")
     (tmp_path / "d.json").write_text('{"version": 1, "numbers": {"melee_damage": 5, "melee_damage": 50}}')
     (tmp_path / "e.json").write_text(f'{{"version": {"9" * 5000}}}')
-    messages = {"a": "is no text", "b": "JSONDecodeError", "c": "cannot be read: No such file"}
+    messages = {"a": "is not a text", "b": "JSONDecodeError", "c": "cannot be read: No such file"}
     messages |= {"d": "it has 'melee_damage' twice", "e": "does not hold a scenario: ValueError"}
     for name, message in messages.items():
         with pytest.raises(ScenarioError, match=message):
@@ -245,7 +245,7 @@ def test_numbers_can_be_drawn_anew_in_every_episode() -> None:
     assert asked("ffa_3", *words) == varied.vary(
         rewards_kill=outlast.distributions.uniform(1, 2.5), n_heals=outlast.distributions.choice(2, 8)
     )
-    with pytest.raises(ScenarioError, match=r"--vary heals_count: --set has it, too; say one of them"):
+    with pytest.raises(ScenarioError, match=r"--vary heals_count: --set has it, too; use one of them"):
         asked("ffa_3", "--vary", "n_heals=choice(2,8)", "--set", "heals_count=3")
     with pytest.raises(NumberError, match="heals_count is given twice; say one of them"):
         asked("ffa_3", "--vary", "n_heals=choice(2,8)", "--vary", "heals_count=integers(1,3)")
@@ -264,15 +264,15 @@ def test_numbers_can_be_drawn_anew_in_every_episode() -> None:
             r"--vary melee_damage: integers\(1, 'zone'\): two integers are needed",
         ),
         ("--vary melee_damage=__import__('os').getpid()", "a distribution of literals is needed"),
-        ("--vary melee_damage=normal(1,2)", r"--vary melee_damage: .* is no distribution: uniform\(low, high\), "),
+        ("--vary melee_damage=normal(1,2)", r"--vary melee_damage: .* is not a distribution: uniform\(low, high\), "),
         ("--layout maze --without maze", "--layout maze: --with or --without takes it out again"),
-        ("--with DropLast --without drop_last", "--with DropLast: --without takes it out again; say one of them"),
+        ("--with DropLast --without drop_last", "--with DropLast: --without takes it out again; use one of them"),
         ("--set melee_damage=20 --set melee_damage=30", "melee_damage is given twice; say one of them"),
-        ("--with Boxes(count=3) --set n_boxes=4", "--set boxes_count: --with has it, too; say one of them"),
+        ("--with Boxes(count=3) --set n_boxes=4", "--set boxes_count: --with has it, too; use one of them"),
         ("--with DropLast(offset=1.0,offset=2.0)", "numbers are given as in .*, each once"),
         ("--layout mazze", "layout mazze: No such file or directory; did you mean maze"),
         ("--set room_size=20 --set room_width=30 --set room_height=30", "room.size = 20 has no effect beside"),
-        ("--vary melee_damage=integer(5,9)", "is no distribution: did you mean integers"),
+        ("--vary melee_damage=integer(5,9)", "is not a distribution: did you mean integers"),
         ("--without zon", "ffa_2 has no module 'zon'; it has: agents, "),
         ("--with DropLas", "there is no mechanic DropLas; did you mean DropLast"),
         ("--with DropLast(offset=__import__('os').getpid())", "numbers are given as in"),

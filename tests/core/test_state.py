@@ -121,7 +121,7 @@ def test_worlds_that_cannot_be_are_refused(where: Any) -> None:
     for refused in (lambda: env.get_state(where), lambda: env.set_state(state, where)):
         with pytest.raises(StateError, match="where = "):
             refused()
-    with pytest.raises(StateError, match="is no State, which get_state"):
+    with pytest.raises(StateError, match="is not a State, as get_state"):
         env.set_state(state.arrays)
     assert digest(env.worlds) == before
 

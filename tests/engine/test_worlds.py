@@ -73,9 +73,9 @@ def test_an_entity_can_be_looked_at() -> None:
 @pytest.mark.parametrize("row", [-1, 5, 2.0, True, "walker", None])
 def test_an_unknown_row_is_refused(row: Any) -> None:
     worlds = make(count=2)
-    with pytest.raises(DeclarationError, match=f"there is no row {row!r}: there are 5, from 0 to 4"):
+    with pytest.raises(DeclarationError, match=f"row {row!r} does not exist: there are 5, from 0 to 4"):
         worlds.entity(row)
-    with pytest.raises(DeclarationError, match="there is no world 2: there are 2, from 0 to 1"):
+    with pytest.raises(DeclarationError, match="world 2 does not exist: there are 2, from 0 to 1"):
         worlds.entity(0, 2)
 
 

@@ -170,5 +170,5 @@ def test_python_gets_the_answers_that_systems_get(env: Any) -> None:
 def test_questions_about_what_there_is_not_are_refused(env: Any) -> None:
     with pytest.raises(ValueError, match=f"world = {WORLDS}: there are the worlds 0 to"):
         env.query(WORLDS)
-    with pytest.raises(ValueError, match="there is no row 99: there are"):
+    with pytest.raises(ValueError, match="row 99 does not exist: there are"):
         env.query().distance(0, 99)

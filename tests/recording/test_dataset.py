@@ -390,7 +390,7 @@ def test_what_another_process_exports_meanwhile_is_kept(
         if tick == 3:
             out.mkdir() if name == "data" else out.touch()
 
-    message = f"{name} exists, as another process has written it meanwhile; this is in .*data-2"
+    message = f"{name} exists, as another process has just written it; this is in .*data-2"
     with pytest.raises(RecordingError, match=message):
         export_dataset(str(out), replay, Selection([0], 0, 5, progress=theirs))
     assert (list(out.iterdir()) if name == "data" else out.read_bytes()) in ([], b"")

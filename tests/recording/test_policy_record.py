@@ -71,7 +71,7 @@ def test_agents_of_others_are_unknown(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--record", "a.rec", "--record-policy"), "does not say with what probabilities it chooses"),
+        (("--record", "a.rec", "--record-policy"), "does not report the probabilities of its choices"),
         (("--record-policy",), "name a file to record into, too"),
     ],
 )
@@ -133,7 +133,7 @@ def test_readers_of_before_leave_it_unread(tmp_path: Path, short_chunks: None) -
 def test_headers_that_make_no_sense_are_refused(tmp_path: Path, policy: Any) -> None:
     recorded(tmp_path / "a.rec")
     header, chunks = parts(tmp_path / "a.rec")
-    with pytest.raises(RecordingError, match="header does not say what was recorded"):
+    with pytest.raises(RecordingError, match="header does not describe a recording"):
         Recording.open(written(tmp_path / "b.rec", header | {"policy": policy}, chunks))
 
 

@@ -144,7 +144,7 @@ def test_steps_of_a_film_are_whole_numbers(tmp_path: Path, steps: Any) -> None:
 
 def test_ticks_of_a_page_are_whole_numbers(tmp_path: Path) -> None:
     path = recorded(tmp_path / "a.rec", "ffa_1")
-    with pytest.raises(RecordingError, match=r"tick 2\.5: whole numbers are needed"):
+    with pytest.raises(RecordingError, match=r"tick 2\.5: integers are needed"):
         outlast.replay_page(path, tmp_path / "a.html", last=2.5)  # type: ignore[arg-type]
 
 
@@ -157,7 +157,7 @@ def test_a_dataset_has_samples(tmp_path: Path, name: str, monkeypatch: pytest.Mo
         pytest.importorskip("pyarrow", reason="needs pyarrow: outlast[data]")
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "minari"))
     target = name if name.startswith("minari") else str(tmp_path / name)
-    with pytest.raises(RecordingError, match=r"none of the worlds .* ticks 0 to 0, so there is no sample"):
+    with pytest.raises(RecordingError, match=r"none of the worlds .* ticks 0 to 0, so samples are empty"):
         export_dataset(target, Replay(Recording.open(path)), Selection([0], 0, 0))
     assert not [each for each in tmp_path.rglob("*") if each.is_file() and each != path]
 

@@ -160,18 +160,18 @@ def test_a_recording_is_read_wherever_the_process_goes(
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [
-        ({"worlds": 0}, "does not say what was recorded"),
-        ({"worlds": "3"}, "does not say what was recorded"),
-        ({"worlds": 2**40}, "does not say what was recorded"),
+        ({"worlds": 0}, "does not describe a recording"),
+        ({"worlds": "3"}, "does not describe a recording"),
+        ({"worlds": 2**40}, "does not describe a recording"),
         ({"worlds": 1000}, "is damaged"),
         ({"worlds": 10**6}, "its worlds would take 5394000000 bytes: .* are given to a file so small; .*trust=True"),
         ({"agents": 3}, "is damaged|agents are 3 there and 2 here"),
         ({"actions": [["ahead", -1, 3]]}, "is damaged|actions are"),
-        ({"actions": 5}, "does not say what was recorded"),
-        ({"digests": None}, "does not say what was recorded"),
+        ({"actions": 5}, "does not describe a recording"),
+        ({"digests": None}, "does not describe a recording"),
         ({"digests": {"components": ["Clock"], "worlds": 64, "repeat": 1}}, "is damaged|components are"),
         ({"modules": ["os.path"]}, r"the mechanic os\.path is not one of outlast's own.*scenario=\.\.\."),
-        ({"modules": ["outlast.systems.melee.Melee"]}, "there is no number .*another version of outlast"),
+        ({"modules": ["outlast.systems.melee.Melee"]}, "unknown number .*another version of outlast"),
         ({"scenario": {"name": "x", "numbers": {}}}, "is missing; was it made by another version"),
         ({"scenario": []}, "a.rec"),
     ],
@@ -188,5 +188,5 @@ def test_a_chunk_that_claims_too_much_is_refused(tmp_path: Path, small: bytes) -
     """A hundred million zeros in a few bytes."""
     path = tmp_path / "a.rec"
     path.write_bytes(small[: small.index(RECORDS)] + encode_chunk(RECORDS, b"\0" * 10**8, 5, 0))
-    with pytest.raises(RecordingError, match="says that it holds 100000000 bytes"):
+    with pytest.raises(RecordingError, match="claims to hold 100000000 bytes"):
         list(Recording.open(path).tick_records())

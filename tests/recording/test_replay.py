@@ -231,9 +231,9 @@ def test_some_ticks_of_some_worlds(tmp_path: Path) -> None:
         ({"first": 5}, "ticks 5 to 4"),
         ({"last": -1}, "ticks 0 to -1"),
         ({"last": 5}, "ticks 0 to 5"),
-        ({"first": 1.5}, "tick 1.5: whole numbers are needed"),
-        ({"worlds": [0, 3]}, "there is no row 3; they are 0 to 2"),
-        ({"worlds": [-1]}, "there is no row -1"),
+        ({"first": 1.5}, "tick 1.5: integers are needed"),
+        ({"worlds": [0, 3]}, "row 3 does not exist; they are 0 to 2"),
+        ({"worlds": [-1]}, "row -1 does not exist"),
         ({"worlds": 0}, r"worlds = 0: rows of the tables are needed, as in \[0, 3\]"),
     ],
 )

@@ -69,7 +69,7 @@ def test_what_was_cut_off_is_said(capsys: Any, path: Path, tmp_path: Path) -> No
     assert "was cut off: " in err
     (tmp_path / "c.rec").write_bytes(whole[: whole.index(RECORDS)])
     status, _, err = run(capsys, "replay", tmp_path / "c.rec", "--quiet")
-    assert (status, "there is no tick in it" in err) == (2, True)
+    assert (status, "it has no ticks" in err) == (2, True)
 
 
 @pytest.mark.parametrize(
@@ -77,12 +77,12 @@ def test_what_was_cut_off_is_said(capsys: Any, path: Path, tmp_path: Path) -> No
     [
         (("--html", "page.txt"), "page.txt: pages are written as NAME.html"),
         (("--data", "a.parquet", "--events", "a.parquet"), "--data and --events are both a.parquet: give another name"),
-        (("--html", "page.html", "--worlds", "0,4"), "there is no world 4; they are 0 to 3"),
+        (("--html", "page.html", "--worlds", "0,4"), "world 4 does not exist; they are 0 to 3"),
         (("--html", "page.html", "--from", "9", "--to", "5"), "0 <= from <= to <= 12 is needed, the last tick of"),
         (("--html", "page.html", "--to", "999"), "0 <= from <= to <= 12"),
         (("--to", "5"), "select what is written; give --out, --html, --data or --events, too"),
         (("--html", "page.html", "--size", "64", "--fps", "9"), "--size, --fps: for pictures and films only"),
-        (("--data", "samples.csv"), "there is no export to .csv; give a folder without an ending"),
+        (("--data", "samples.csv"), "export to .csv is not possible; give a folder without an ending"),
     ],
 )
 def test_mistakes_are_one_line(capsys: Any, path: Path, options: tuple[str, ...], words: str) -> None:
@@ -103,15 +103,15 @@ def test_a_world_has_one_number_in_options_tables_and_pages(capsys: Any, tmp_pat
     status, _, err = run(
         capsys, "replay", tmp_path / "a.rec", "--html", tmp_path / "b.html", "--worlds", "2", "--quiet"
     )
-    assert (status, "there is no world 2; they are 10 to 13" in err) == (2, True)
+    assert (status, "world 2 does not exist; they are 10 to 13" in err) == (2, True)
     other = outlast.make_vec("ffa_1", 2, seed=0)
     with outlast.record(other, tmp_path / "b.rec"):
         outlast.rollout(other, "random", 5)
     pages = tmp_path / "a.rec", tmp_path / "two.html"
     assert outlast.replay_page(*pages, beside=tmp_path / "b.rec", worlds=[11], quiet=True).exists()  # its world 1
-    with pytest.raises(RecordingError, match=r"b\.rec: there is no world 3; they are 0 to 1"):
+    with pytest.raises(RecordingError, match=r"b\.rec: world 3 does not exist; they are 0 to 1"):
         outlast.replay_page(*pages, beside=tmp_path / "b.rec", worlds=[13], quiet=True)
-    with pytest.raises(RecordingError, match="there is no world 3; they are 10 to 13"):
+    with pytest.raises(RecordingError, match="world 3 does not exist; they are 10 to 13"):
         outlast.film(tmp_path / "a.rec", tmp_path / "a.apng", worlds=[3], size=64)
 
 

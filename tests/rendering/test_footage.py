@@ -98,8 +98,8 @@ def test_grids_are_nearly_square() -> None:
 
 MISTAKES: dict[str, tuple[dict[str, Any], str]] = {
     "none": ({"chosen": []}, "no world is chosen"),
-    "a world too far": ({"chosen": [0, 5]}, "there is no world 5: there are 5, from 0 on"),
-    "a world before the first": ({"chosen": [-1]}, "there is no world -1"),
+    "a world too far": ({"chosen": [0, 5]}, "world 5 does not exist: there are 5, from 0 on"),
+    "a world before the first": ({"chosen": [-1]}, "world -1 does not exist"),
     "a small mosaic": ({"chosen": [0, 1, 2], "mosaic": (1, 2)}, "1x2 has no room for 3 worlds: 2x2 has"),
     "no mosaic": ({"mosaic": (0, 4)}, "a mosaic of 0x4"),
     "small pictures": ({"size": 63}, "size = 63: 64 to 4096 pixels"),

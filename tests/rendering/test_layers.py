@@ -268,5 +268,5 @@ def test_only_agents_that_there_are_can_be_asked_for() -> None:
             CamerasLayer(agents=wrong)  # type: ignore[arg-type]
     env = make_vec("ffa_1", 1, seed=0)
     env.reset()
-    with pytest.raises(FilmError, match="there is no agent 7; they are 0 to 1"):
+    with pytest.raises(FilmError, match="no agent 7; they are 0 to 1"):
         draw(env.worlds, 0, 64, [CamerasLayer(agents=[0, 7])])

@@ -74,7 +74,7 @@ def test_headers_that_could_not_be_shown_or_computed_with_are_refused(
     tmp_path: Path, recordings: Recordings, head: dict[str, object]
 ) -> None:
     (tmp_path / "a.rec").write_bytes(recordings.changed(recordings.valid, head))
-    with pytest.raises(RecordingError, match=r"its header does not say what was recorded|the number .* is missing"):
+    with pytest.raises(RecordingError, match=r"its header does not describe a recording|the number .* is missing"):
         Recording.open(tmp_path / "a.rec")
 
 

@@ -109,9 +109,9 @@ MORE: dict[str, Callable[[Path], object]] = {
     "curves": _curves,
 }
 NESTED: dict[str, tuple[type[Exception], str]] = {
-    "levels": (ScenarioError, "is no file of levels"),
+    "levels": (ScenarioError, "is not a file of levels"),
     "scenario": (ScenarioError, "does not hold a scenario"),
-    "roles": (ScenarioError, "does not say roles"),
+    "roles": (ScenarioError, "does not hold roles"),
     "floor plan": (ScenarioError, "is no floor plan"),
     "recording": (RecordingError, "is not a recording"),
     "message": (MessageError, "messages are JSON"),
@@ -171,7 +171,7 @@ def test_what_an_xz_file_holds_has_a_limit(tmp_path: Path) -> None:
         limited_read.read_xz(tmp_path / "a.xz", 2**20 - 1)
     for broken in (b"text", lzma.compress(b"text")[:-2], lzma.compress(b"text")[:-5] + bytes(5)):
         (tmp_path / "a.xz").write_bytes(broken)
-        with pytest.raises(ValueError, match="it is no xz file: "):
+        with pytest.raises(ValueError, match="it is not an xz file: "):
             limited_read.read_xz(tmp_path / "a.xz")
 
 
@@ -197,5 +197,5 @@ def test_levels_name_what_varied_when_they_were_saved(tmp_path: Path) -> None:
         levels.load(path, now)
     for varied in ("3", "[]", '{"melee_damage": 3}'):
         path.write_text(f'{{"version": 1, "varied": {varied}, "levels": []}}')
-        with pytest.raises(ScenarioError, match=r"a\.json is no file of levels: what varied is not given as texts by"):
+        with pytest.raises(ScenarioError, match=r"is not a file of levels: what varied is not given as texts by"):
             levels.load(path, before)

@@ -235,8 +235,8 @@ def test_a_value_may_begin_with_a_minus() -> None:
 LINES = {
     "rolout ffa_1": "COMMAND: rolout: did you mean rollout?; known: variants",
     "help rolout": "COMMAND: rolout: did you mean rollout?",
-    "--verison": "there is no option --verison: did you mean --version?",
-    f"{FEW} --wrlds 3": "there is no option --wrlds: did you mean --worlds?",
+    "--verison": "unknown option --verison: did you mean --version?",
+    f"{FEW} --wrlds 3": "unknown option --wrlds: did you mean --worlds?",
     f"{FEW} ffa_2": "ffa_2 is one word too many",
     "evaluate ffa_2 random --episodes 1 scripted": "scripted is one word too many; put what belongs together in a row",
     "rollout": "required: VARIANT",
@@ -361,7 +361,7 @@ def test_a_data_set_is_what_its_name_says(capsys, tmp_path: Path) -> None:
     run(capsys, *shlex.split(FEW), "--record", recording)
     status, _, err = run(capsys, "replay", recording, "--quiet", "--data", tmp_path / "samples.csv")
     assert status == 2
-    assert "there is no export to .csv; give a folder without an ending for .npz files, NAME.parquet" in err
+    assert "export to .csv is not possible; give a folder without an ending for .npz files, NAME.parquet" in err
     assert [file.name for file in tmp_path.iterdir()] == ["a.rec"]
 
 

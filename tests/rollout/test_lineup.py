@@ -77,7 +77,7 @@ def test_texts_that_are_no_lineup_are_refused(text: str) -> None:
     ("pairs", "words"),
     [
         ([], "a mixture of nothing"),
-        ([(3, 1)], "3 is no policy: .*, or a function"),
+        ([(3, 1)], "3 is not a policy: .*, or a function"),
         ([("noop", True)], "the weight of noop is True"),
         ([("noop", None)], "the weight of noop is None"),
     ],

@@ -463,7 +463,7 @@ def test_the_callers_own_handler_gets_every_ctrl_c(tmp_path: Path) -> None:
 
 def test_what_another_process_wrote_meanwhile_is_kept(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
-    message = r"a\.csv exists, as another process has written it meanwhile; this is in .*a-2\.csv"
+    message = r"a\.csv exists, as another process has just written it; this is in .*a-2\.csv"
     with pytest.raises(UsageError, match=message):
         outlast.rollout("ffa_2", "noop", 20, lambda summary: path.write_text("theirs"), worlds=2, csv=path, **QUICK)
     assert path.read_text() == "theirs"
@@ -499,7 +499,7 @@ def test_summaries_merge_with_their_arrays() -> None:
         np.testing.assert_array_equal(merged[key], values)
     with pytest.raises(UsageError, match="were not kept"):
         Summary.merge([parts[0], Summary()]).arrays()
-    with pytest.raises(UsageError, match=r"were not kept: say outlast\.rollout\(\.\.\., keep=True\)"):
+    with pytest.raises(UsageError, match=r"were not kept: call outlast\.rollout\(\.\.\., keep=True\)"):
         outlast.rollout("ffa_2", worlds=2, steps=2).arrays()
     assert outlast.rollout("ffa_2", worlds=2, steps=2, keep=True).arrays() == {}
 

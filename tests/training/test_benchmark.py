@@ -747,7 +747,7 @@ def test_other_kept_results_are_refused(results: Path, tmp_path: Path, change: A
     with pytest.raises(TrainingError, match="is not a result of the benchmark: .*" + re.escape(message)):
         kept.find(tmp_path)
     (tmp_path / kept.NAME).write_bytes(lzma.compress(b"{}")[:-4])
-    with pytest.raises(TrainingError, match="of the benchmark: ValueError: it is no xz file"):
+    with pytest.raises(TrainingError, match="of the benchmark: ValueError: it is not an xz file"):
         kept.find(tmp_path)
 
 

@@ -722,7 +722,7 @@ def test_tables_of_another_evaluation_are_not_replaced(tmp_path: Path, capsys) -
         (["noop"], {"episode": 3}, "did you mean episodes"),
         (["noop"], {"film": True}, "films need a folder"),
         ([lambda seen: np.zeros(3)], {}, r"the actions that lambda returned have shape \(3,\)"),
-        ([3], {}, "3 is no policy"),
+        ([3], {}, "3 is not a policy"),
         ({"a": "."}, {}, "there is no checkpoint in . yet"),
     ],
 )

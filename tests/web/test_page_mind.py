@@ -205,7 +205,7 @@ def test_what_cannot_be_shown_is_refused(tmp_path: Path, capsys: Any) -> None:
     recorded(tmp_path / "a.rec", "ffa_1", 12)
     recorded(tmp_path / "b.rec", "ffa_1", 5)
     page = tmp_path / "page.html"
-    with pytest.raises(RecordingError, match=r"a.rec: there is no world 2; they are 0 to 1"):
+    with pytest.raises(RecordingError, match=r"a.rec: world 2 does not exist; they are 0 to 1"):
         outlast.replay_page(tmp_path / "a.rec", page, worlds=[2])
     with pytest.raises(
         RecordingError, match=r"ticks 0 to 12: 0 <= from <= to <= 5 is needed, the last tick of .*b.rec"

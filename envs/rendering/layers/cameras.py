@@ -53,7 +53,7 @@ class CamerasLayer(Layer):
         alive = set(scene.living(Body, Side))
         wanted = range(len(scene.rows(Side))) if self.agents is None else self.agents
         if unknown := [i for i in wanted if i >= len(scene.rows(Side))]:
-            raise FilmError(f"CamerasLayer: there is no agent {unknown[0]}; they are 0 to {len(scene.rows(Side)) - 1}")
+            raise FilmError(f"CamerasLayer: no agent {unknown[0]}; they are 0 to {len(scene.rows(Side)) - 1}")
         watching = [(i, e) for i, e in enumerate(scene.rows(Side)) if e in alive and i in wanted]
         if self.cones:
             tick = scene[Clock].tick[0]
@@ -88,7 +88,7 @@ def blind_until(scene: Scene, e: int) -> int:
 
 
 def is_see_through(scene: Scene, e: int) -> bool:
-    """Return whether cameras see through the body in this row, whatever its kind."""
+    """Return whether cameras see through the body in this row, of any kind."""
     return Filter in scene and bool(scene[Filter].clear[e])
 
 

@@ -25,7 +25,7 @@ class EndLayer(Layer):
     """A banner across the last picture of an episode: the side that won, and why it ended.
 
     If episodes only end at their limit (ending_rule "never"), survival does not decide who wins: it names no side,
-    unless the game says how far sides have come (components.Outcome). Pictures too small for its words have no banner.
+    unless the game has scores of sides (components.Outcome). Pictures too small for its words have no banner.
     """
 
     zorder = ZOrder.WORDS + 1
@@ -46,7 +46,7 @@ class EndLayer(Layer):
 
 
 def winner(scene: Scene) -> int | None:
-    """Return the side that came farther than all others, after the last tick of an episode; None if there is none."""
+    """Return the side that came farther than all others, after the last tick of an episode; or None."""
     if not _rivals(scene):
         return None
     told = scene[Outcome].outcome if Outcome in scene else None
@@ -71,7 +71,7 @@ def _sides(scene: Scene) -> set[int]:
 
 
 def _verdict(scene: Scene) -> tuple[str, Color | None]:
-    """Return the result in words, and the winner's colour; None if nobody has won."""
+    """Return the result in words, and the winner's colour; None without a winner."""
     side = winner(scene)
     if side is not None:
         return f"{printable(scene.side_name(side))} wins", of_side(side)

@@ -93,5 +93,5 @@ def _draw(layer: Layer, canvas: Canvas, scene: Scene) -> None:
         name, text = type(layer).__name__, " ".join(str(error).split()).rpartition("> - ")[2]
         raise FilmError(
             f"{name}.draw: OpenCV cannot draw this; colours are (red, green, blue), each from 0 to 255, all else "
-            f"numbers in metres. It says: {text}"
+            f"numbers in metres. OpenCV: {text}"
         ) from error

@@ -15,7 +15,7 @@ from .layer import Strip, ZOrder
 from .title import LINE, digit, printable
 
 DISC, POINTS, BAR, KILLS, RETURN, ITEM, GAP = 1.8, 3.4, 4.0, 4.4, 9.6, 1.3, 0.7  # lengths in heights of a digit
-MOST = 6  # so many items of a bag are shown
+MOST = 6  # maximum items of a bag that are shown
 HIGHEST = 0.75  # height of the board at most, as a share of the strip's length; lines beyond that are left out
 
 
@@ -28,7 +28,7 @@ class Board:
         width: Width of a column, in heights of a digit.
         rows: How many agents a column has.
         shown: How many agents there is room for.
-        lines: How many lines there are: of teams, of agents, and one that says how many agents are left out.
+        lines: Number of lines: of teams, of agents, and one with the number of agents that are left out.
     """
 
     parts: dict[str, float]
@@ -161,7 +161,7 @@ def _planned(layout: MemoryLayout, agents: int, teams: bool, size: int) -> Board
     rows, most = -(-agents // columns), max(1, int(HIGHEST * units / LINE) - teams)
     if rows <= most:
         return Board(parts, units / columns, rows, agents, teams + rows)
-    rows = max(1, most - 1)  # a line remains, which says how many agents are left out
+    rows = max(1, most - 1)  # a line remains for the number of agents that are left out
     return Board(parts, units / columns, rows, columns * rows, teams + rows + 1)
 
 

@@ -19,7 +19,7 @@ FIGURE = 0.75  # width of a digit, in its heights
 
 @dataclass(frozen=True)
 class TitleStrip(Strip):
-    """The game, seed and world; on the right, episode and tick. Whatever has no room is left out.
+    """The game, seed and world; on the right, episode and tick. Parts without room are left out.
 
     Seed, world and episode are the key of the world's random numbers: an environment with that seed and world plays the
     same episode again. In a world that was reset with a seed of its own, they count from there.

@@ -211,7 +211,7 @@ def _ffmpeg(path: Path, *options: str, frames: Iterable[Image] = ()) -> None:
         )
         pipe: Any = process.stdin
         try:
-            with contextlib.suppress(BrokenPipeError):  # FFmpeg has ended; its status says why
+            with contextlib.suppress(BrokenPipeError):  # FFmpeg has ended; its status gives the reason
                 for frame in frames:
                     pipe.write(np.ascontiguousarray(frame).data)
                 pipe.close()

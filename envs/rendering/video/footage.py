@@ -22,7 +22,7 @@ from ..style import BLACK, INK
 
 Grid = tuple[int, int]  # rows, columns
 WIDEST = 2**14  # pixels: the longest side of a mosaic, as of films
-GUTTER = 128  # a world's picture is so many times wider than the lines between pictures
+GUTTER = 128  # width of a world's picture over that of the lines between pictures
 
 
 def footage(
@@ -47,7 +47,7 @@ def footage(
         layers: See rgb.draw. A TitleStrip adds a title; with an EndLayer, the ends of episodes are held.
         mosaic: Rows and columns of pictures, filled row by row; cells without a world are black. None: nearly a square.
         every: The first state is drawn, and then every `every`-th one.
-        title: What the title says: the game, and who plays.
+        title: Text of the title: the game, and the players.
         hold: For how many more frames the end of an episode is shown. A single world stands still. In a
             mosaic the worlds go on, so the end is shown for this many ticks, in at least one frame, and the first ticks
             of that world's next episode are not seen.
@@ -162,7 +162,7 @@ def _header(width: int, title: str, seeds: Image) -> Image:
 
 
 def check_pictures(size: int, grid: Grid, every: int) -> None:
-    """Raise FilmError unless such pictures are possible, whatever the worlds. For the arguments see `footage`."""
+    """Raise FilmError unless such pictures are possible, for any worlds. For the arguments see `footage`."""
     given: list[tuple[str, Any]] = [("size", size), ("every", every), *(("mosaic", side) for side in grid)]
     for name, value in given:
         if not is_whole(value):
@@ -183,7 +183,7 @@ def _check(worlds: Worlds, chosen: Sequence[int], size: int, grid: Grid, every: 
         raise FilmError("no world is chosen: at least one is needed")
     check_pictures(size, grid, every)
     if strange := [w for w in chosen if not 0 <= w < count]:
-        raise FilmError(f"there is no world {strange[0]}: there are {count}, from 0 on")
+        raise FilmError(f"world {strange[0]} does not exist: there are {count}, from 0 on")
     if len(chosen) > grid[0] * grid[1] or min(grid) < 1:
         rows, columns = near_square(len(chosen))
         raise FilmError(

@@ -25,8 +25,8 @@ NUMBERED = re.compile(r"frame_\d{6,}\.png")
 def write_film(path: str | os.PathLike[str], frames: Iterable[Image], fps: int = FPS) -> int:
     """Write a film, or a folder of pictures.
 
-    It is written to a temporary file, read back, and moved into place: an error, Ctrl-C or a full disk leaves whatever
-    was there before. If the path is a link, what it leads to is replaced.
+    It is written to a temporary file, read back, and moved into place: an error, Ctrl-C or a full disk leaves a file
+    that was there before. If the path is a link, what it leads to is replaced.
 
     Args:
         path: .mp4 (H.264, plays everywhere) and .gif (one palette, no dithering) need `pip install 'outlast[view]'`;

@@ -29,7 +29,7 @@ from ...scenarios.scenario import Scenario
 Json = dict[str, Any]
 
 RECENT = 8  # the newest events, all of which are sent each time, as a page may miss ticks
-SLOW, SLOWLY = 1.5, 0.5  # an episode begins slowly: for so many seconds, at this share of the usual speed
+SLOW, SLOWLY = 1.5, 0.5  # an episode begins slowly: seconds, and share of the usual speed
 
 
 class GamePhase(StrEnum):
@@ -174,9 +174,9 @@ class Game:
     def _result(self) -> Json:
         """Return the result of the episode that has ended, as the person's side sees it.
 
-        verdict: "won" if this side came farther than all others, by living longer or as components.Outcome says,
-        "drawn" if as far as the best other one, else "lost"; "over" if there is no other side, or nothing says who won.
-        kills: None if nobody can die. return: None if it is not finite.
+        verdict: "won" if this side came farther than all others, by living longer or by components.Outcome,
+        "drawn" if as far as the best other one, else "lost"; "over" without another side or a result.
+        kills: None if agents cannot die. return: None if it is not finite.
         """
         episode, mine = self.worlds[Episode], int(side(self.worlds, 0)[self.agent])
         come, paid = self._standings.of(np.array([0])), float(episode.returns[0, self.agent])

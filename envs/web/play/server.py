@@ -54,7 +54,7 @@ async def answering(session: Session, site: Site) -> AsyncIterator[Gate]:
                 return None
             name = path or "index.html"
             if name not in parts:
-                return _answered(connection, HTTPStatus.NOT_FOUND, "There is no such file.\n", **gate.headers())
+                return _answered(connection, HTTPStatus.NOT_FOUND, "This file does not exist.\n", **gate.headers())
             return _answered(connection, HTTPStatus.OK, parts[name], KINDS[name.rpartition(".")[2]], **gate.headers())
 
         async with serve(session.serve_page, sock=listener, process_request=answer, **_limits()):

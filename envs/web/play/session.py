@@ -105,7 +105,7 @@ class Session:
         self._notify()
 
     def _release(self) -> None:
-        """Let go of the keys, and wait for whoever steers next."""
+        """Release the keys, and wait for the next player."""
         self.game.hold({}, {})
         self.game.pause()
 

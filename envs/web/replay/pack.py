@@ -21,9 +21,9 @@ import numpy as np
 from ...core.validation import Array
 from ...inspect.world_json import Json
 
-METRE, TURN, WHOLE = 1000, 2**16, 100  # the integer for a metre, for a whole turn, and for a probability of 1
+METRE, TURN, WHOLE = 1000, 2**16, 100  # the integer for a metre, for a full turn, and for a probability of 1
 RADIAN = TURN / (2 * math.pi)
-WORD = 16  # a bitset has so many bodies in each number
+WORD = 16  # bodies in each number of a bitset
 PACKING = {"metre": METRE, "radian": RADIAN, "whole": WHOLE, "word": WORD}  # constants for recording.js
 FLOATS = ("agent.reward", "agent.value")  # columns that are float32
 ANGLES = ("agent.angle", "object.angle")

@@ -100,7 +100,7 @@ class _Handler(BaseHTTPRequestHandler):
         if path is None:
             self._reply(HTTPStatus.FORBIDDEN, "text/plain", REFUSED.encode())
         elif path not in self.server.answers:
-            self._reply(HTTPStatus.NOT_FOUND, "text/plain", b"There is no such file.\n")
+            self._reply(HTTPStatus.NOT_FOUND, "text/plain", b"This file does not exist.\n")
         else:
             self._reply(HTTPStatus.OK, *self.server.answers[path]())
 

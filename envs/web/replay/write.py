@@ -46,7 +46,7 @@ def write_page(
         title: Title of the page.
 
     Raises:
-        PageError: A world or folder does not exist, there are no ticks, or the disk is full.
+        PageError: A world or folder does not exist, ticks are missing, or the disk is full.
     """
     target = checked(path)
     save(target, [PageRoom(title, record_ticks(worlds, ticks, chosen))], title)
@@ -109,7 +109,7 @@ def record_ticks(
 
 
 def _entities(worlds: Worlds, replay: Replay | None) -> Json:
-    """Return what the recorded policy attends to: {entities: [{key, rows, others, first}]}; {} if there is no policy.
+    """Return what the recorded policy attends to: {entities: [{key, rows, others, first}]}; {} without a policy.
 
     others: whether the rows are the other agents, in order. first: number of the body in the first row, -1: unknown.
     If a key is the plural of an archetype's name, its rows are the bodies of that archetype, in order.

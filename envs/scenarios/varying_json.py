@@ -1,0 +1,129 @@
+"""Differences between worlds and between agents of a scenario, as JSON for files and fingerprints."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from outlast.ecs import (
+    Distribution,
+    Module,
+    NumberError,
+    Role,
+    Roles,
+    choice,
+    free,
+    integers,
+    log_uniform,
+    role,
+    uniform,
+)
+from outlast.ecs.declarations.distributions import NAMES
+from outlast.ecs.declarations.roles import LONGEST
+from outlast.ecs.kernels.errors import did_you_mean
+from outlast.ecs.memory.numbers import checked_roles, place
+
+from ..errors import ScenarioError
+
+KEYS = ("varied", "observed", "roles")
+
+
+def plain(scenario: Any) -> dict[str, Any]:
+    """Return the differences as JSON, without entries that would be empty.
+
+    "varied": what numbers are drawn from: by name, the name of a distribution and its values. "observed": which of them
+    agents observe. "roles": see `plain_roles`.
+    """
+    found: dict[str, Any] = {
+        "varied": {name: plain_distribution(drawn) for name, drawn in scenario.varied},
+        "observed": list(scenario.observed),
+        "roles": plain_roles(scenario.by_role) if scenario.by_role else {},
+    }
+    return {key: value for key, value in found.items() if value}
+
+
+def same_for_all(scenario: Any) -> dict[str, Any]:
+    """Return the numbers with one value in all worlds, and for all agents whose role does not set another one."""
+    differing = {name for name, _ in scenario.varied} | {*(scenario.by_role.in_all if scenario.by_role else ())}
+    return {name: value for name, value in scenario.numbers().items() if name not in differing}
+
+
+def restored(modules: Sequence[Module], given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the result of `plain` as arguments for a Scenario of these mechanics.
+
+    Raises:
+        NumberError: A number cannot vary or differ in that way.
+        ScenarioError: A number is observed twice, or does not vary.
+    """
+    varied = {name: distribution_of(*entry) for name, entry in given.get("varied", {}).items()}
+    place(list(modules), varied)
+    observed = tuple(given.get("observed", ()))
+    if len({*observed}) < len(observed):
+        raise ScenarioError(f"{', '.join(observed)}: a number is observed twice there")
+    if missing := {*observed} - varied.keys():
+        raise ScenarioError(f"the number {min(missing)} is observed there, and does not vary")
+    by_role = checked_roles(modules, roles_of(given["roles"])) if "roles" in given else None
+    return {"varied": tuple(sorted(varied.items())), "observed": observed, "by_role": by_role}
+
+
+def plain_distribution(distribution: Distribution) -> list[Any]:
+    """Return a distribution as JSON: the name of its kind, and its values."""
+    return [NAMES[distribution.kind], *(list(v) if isinstance(v, tuple) else v for v in distribution.values)]
+
+
+def distribution_of(name: Any, *values: Any) -> Distribution:
+    """Return the distribution from the result of `plain_distribution`. NumberError if it is not possible."""
+    makers: dict[str, Callable[..., Distribution]] = {
+        each.__name__: each for each in (uniform, log_uniform, integers, choice, free)
+    }
+    made = makers.get(str(name))
+    if made is None or (made is not choice and len(values) != (1 if made is free else 2)):
+        hint = did_you_mean(name, makers, after=" ", count=1, cutoff=0.75) if made is None else ""
+        raise NumberError(
+            f"{[name, *values]!r:.80} is not a distribution: {hint}uniform(low, high), log_uniform(low, high), "
+            "integers(low, high), choice(value, value, ...) or free(value) is needed"
+        )
+    return made(*values)
+
+
+def plain_roles(roles: Roles) -> dict[str, Any]:
+    """Return roles as JSON: {"drawn": ..., "roles": [{"name", "count" or "agents", "numbers": {name: value}}]}.
+
+    A distribution becomes a list that begins with the name of its kind: ["uniform", low, high].
+    """
+    return {"drawn": roles.drawn, "roles": [_plain_role(each) for each in roles.roles]}
+
+
+def _plain_role(own: Role) -> dict[str, Any]:
+    who: dict[str, Any] = {"agents": list(own.agents)} if own.agents else {"count": own.count}
+    numbers = {
+        name: plain_distribution(value) if isinstance(value, Distribution) else value for name, value in own.numbers
+    }
+    return {"name": own.name, **who, "numbers": numbers} | ({"without": [*own.without]} if own.without else {})
+
+
+def roles_of(given: Any) -> Roles:
+    """Return the roles from the result of `plain_roles`. NumberError for anything else."""
+    if not isinstance(given, Mapping) or given.keys() != {"drawn", "roles"} or not isinstance(given["roles"], list):
+        raise NumberError(f'roles: {given!r:.80} is not {{"drawn": ..., "roles": [...]}}')
+    return Roles(tuple(map(_role_of, given["roles"][: LONGEST + 1])), given["drawn"])
+
+
+def _role_of(given: Any) -> Role:
+    if (
+        not isinstance(given, Mapping)
+        or given.keys() - {"count", "without"} not in ({"name", "numbers"}, {"name", "agents", "numbers"})
+        or {"count", "agents"} <= given.keys()
+        or not isinstance(given["name"], str)
+        or not isinstance(given["numbers"], Mapping)
+        or not all(isinstance(given.get(key, []), list) for key in ("agents", "without"))
+    ):
+        raise NumberError(
+            f'roles: {given!r:.80} is not {{"name": ..., "count" or "agents": ..., "numbers": {{...}}}}; only one role '
+            "can leave out who has it, and gets the agents that are left"
+        )
+    numbers = {
+        str(name): distribution_of(*value) if isinstance(value, list) else value
+        for name, value in given["numbers"].items()
+    }
+    found = role(given.get("count"), agents=given.get("agents", ()), without=given.get("without", ()))
+    return replace(found, name=given["name"], numbers=tuple(sorted(numbers.items())))
