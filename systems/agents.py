@@ -82,7 +82,7 @@ class Agents(Module):
             if name != "agent" and any(isinstance(part, Side) for part in archetype.parts):
                 raise DeclarationError(
                     f"the kind '{name}' has Side, which makes agents: add them to the kind 'agent', as in "
-                    f"Archetype('agent', (), 2), and tell them apart by roles; or leave Side out of '{name}'"
+                    f"Archetype('agent', (), 2), and separate them by roles; or leave Side out of '{name}'"
                 )
         layout.check_count(Side, "agents")
         check_fits(layout, "agents.radius", self.radius, 2 * self.radius)

@@ -149,7 +149,7 @@ def shape_boxes(
     least: float,
     key: Random,
 ) -> None:
-    """Draw width and height of each box, for the whole episode."""
+    """Draw width and height of each box, for the episode."""
     for k in range(boxes.size):
         e = boxes[k]
         shape.half_width[e] = HALF * max(least, width + width_deviation * normal(key, 2 * k))

@@ -23,7 +23,7 @@ class ObserveRoles(Module):
         roles = len(layout.roles.roles) if layout.roles else 0
         if roles != self.count:
             raise NumberError(
-                f"observe_roles.count = {self.count}, but there are {roles} roles: say them by Scenario.roles(...), "
+                f"observe_roles.count = {self.count}, but there are {roles} roles: set them by Scenario.roles(...), "
                 'which brings it; for none, leave it out: without("observe_roles")'
             )
 

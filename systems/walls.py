@@ -70,9 +70,7 @@ class Walls(InnerWalls):
         found = dict[float, str]()
         for name in layout.prefab_values(Spawned, "cell"):
             if (other := found.setdefault(kind_use(name), name)) != name:
-                raise NumberError(
-                    f"walls.layout cannot tell start areas of '{other}' from those of '{name}'; rename one"
-                )
+                raise NumberError(f"walls.layout cannot separate start areas of '{other}' and '{name}'; rename one")
         return found
 
     def _check_entry(

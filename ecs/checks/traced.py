@@ -107,7 +107,7 @@ class Guard:
             raise Refused(f"writes {self.title}, {self.locked}", ScheduleError)
         _guard(value).compute()
         if self.title and dtype.kind in "iu" and cut(value):
-            raise Refused(f"writes a float to {self.title}, {dtype}, which cuts it off; cast it, as in np.{dtype}(...)")
+            raise Refused(f"writes a float to {self.title}, {dtype}, which cuts it off; say so, as in np.{dtype}(...)")
         self.access(index)
         if self.places is not None and self.own and not self.own[0][self.reach(self.places, index)].all():
             raise Refused(f"writes {self.title} beside {self.own[1]}; take an Offset for each field")
@@ -226,8 +226,8 @@ def cut(value: Any) -> bool:
     if not isinstance(value, (float, np.floating, np.ndarray)):
         return False
     array = np.asarray(value)
-    whole = type(value) is not float and array.dtype == np.float64 and bool((array == np.floor(array)).all())
-    return array.dtype.kind == "f" and not whole
+    integral = type(value) is not float and array.dtype == np.float64 and bool((array == np.floor(array)).all())
+    return array.dtype.kind == "f" and not integral
 
 
 class Added:
@@ -317,8 +317,8 @@ def counted(*bounds: Any) -> Any:
 
 def numbered(values: Iterable[Any], start: int = 0) -> Iterable[tuple[Any, Any]]:
     """Stand in for enumerate, with Indexes for a list of rows."""
-    whole = isinstance(values, Selection) and not start
-    return zip(counted(values.size), values, strict=True) if whole else enumerate(values, start)  # type: ignore[attr-defined]
+    selected = isinstance(values, Selection) and not start
+    return zip(counted(values.size), values, strict=True) if selected else enumerate(values, start)  # type: ignore[attr-defined]
 
 
 def length(values: Any) -> int:

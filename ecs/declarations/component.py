@@ -71,13 +71,13 @@ class Column:
         """Return the lowest and highest integer (or bool) allowed; None for floats, or if its type allows no others."""
         if self.dtype.kind not in "biu":
             return None
-        whole = np.iinfo(np.uint8 if self.dtype == bool else self.dtype)
+        limits = np.iinfo(np.uint8 if self.dtype == bool else self.dtype)
         index = self.below or INDICES.get(self.unit, "")
         low = self.low if self.low > -np.inf or not index else 0 if self.below else -1  # -1: none
         high = min(self.high, _size(index, dims) - 1, 1 if self.dtype == bool else np.inf)
-        if low <= whole.min and high >= whole.max:
+        if low <= limits.min and high >= limits.max:
             return None
-        return int(max(low, whole.min)), int(min(high, whole.max))
+        return int(max(low, limits.min)), int(min(high, limits.max))
 
 
 def _size(index: str, dims: Mapping[str, int]) -> float:

@@ -93,11 +93,11 @@ def checked(name: str, value: Any, kind: type, rule: Any) -> Any:
         if not isinstance(value, (bool, np.bool_)):
             raise NumberError(f"{name} = {value!r}: True or False is needed")
         return bool(value)
-    whole = kind is int
-    limit = 2**31 - 1 if whole else 3e38  # the maximum that a column can hold
-    real = isinstance(value, (int, np.integer) if whole else (int, float, np.integer, np.floating))
+    integral = kind is int
+    limit = 2**31 - 1 if integral else 3e38  # the maximum that a column can hold
+    real = isinstance(value, (int, np.integer) if integral else (int, float, np.integer, np.floating))
     if not real or isinstance(value, bool) or not abs(value) <= limit:
-        needed = "an integer below 2**31" if whole else "a finite number (below 3e38)"
+        needed = "an integer below 2**31" if integral else "a finite number (below 3e38)"
         raise NumberError(f"{name} = {value!r}: {needed} is needed")
     low, high, above = (
         rule.get(key, end) for key, end in (("low", -math.inf), ("high", math.inf), ("above", -math.inf))
@@ -105,7 +105,7 @@ def checked(name: str, value: Any, kind: type, rule: Any) -> Any:
     if not low <= value <= high or not value > above:
         least = f"> {above:g}" if math.isfinite(above) else f">= {low:g}"
         raise NumberError(f"{name} = {value!r}: must be {least}" + (f" and <= {high:g}" if math.isfinite(high) else ""))
-    return int(value) if whole else float(value)
+    return int(value) if integral else float(value)
 
 
 def owners(modules: Iterable[Any]) -> dict[str, tuple[int, str]]:

@@ -56,9 +56,9 @@ class Query:
 
         Args:
             x: Where it begins, metres. A body that contains this point is not entered.
-            y: Likewise.
-            dx: How far it goes, metres.
-            dy: Likewise.
+            y: Its second coordinate, metres.
+            dx: Its extent along x, metres.
+            dy: Its extent along y, metres.
             *kinds: Components of what counts.
             skip: The row of a body that does not count, such as the observer's.
 

@@ -33,7 +33,7 @@ class Digests:
         self.period = self.turns * self._sign_turns
         kinds = [c for c in worlds.components if c.packed or issubclass(c, Signal)]
         self._block = worlds.block.view(np.uint32)
-        whole, owners, self._shared, self._masks, sharers = _words(worlds, kinds)
+        uniform, owners, self._shared, self._masks, sharers = _words(worlds, kinds)
         signals = [(k, _rows(a)) for k, c in enumerate(kinds) if not c.packed for a in worlds[c]]
         self._signals = [rows for _, rows in signals]
         owners = np.concatenate([owners, sharers, *(np.full(rows.shape[1], k) for k, rows in signals)])
@@ -41,7 +41,7 @@ class Digests:
         found, self._starts = np.unique(owners[self._order], return_index=True)
         self.names = [kinds[k].__name__ for k in found]
         factors = _odd(len(owners), 1)
-        factors[: len(whole)][~whole] = 0
+        factors[: len(uniform)][~uniform] = 0
         self._factors, self._weights = factors[self._order], _odd(worlds.count, 2)
         self._sign_weights = _odd(worlds.count, 3)
         self._sums = np.zeros(len(owners), np.uint32)
@@ -69,10 +69,10 @@ class Digests:
         even. So some worlds, in turn, also add their words' upper bits.
         """
         block, weights = self._block[span], self._weights[span]
-        whole = self._sums[: block.shape[1]]
-        np.einsum("wk,w->k", block, weights, out=whole)
+        sums = self._sums[: block.shape[1]]
+        np.einsum("wk,w->k", block, weights, out=sums)
         some = slice(turn * SIGN_WORLDS, turn * SIGN_WORLDS + SIGN_WORLDS)
-        whole += np.einsum("wk,w->k", block[some] >> SHIFT, self._sign_weights[span][some])
+        sums += np.einsum("wk,w->k", block[some] >> SHIFT, self._sign_weights[span][some])
         parts = [block[:, self._shared] & self._masks, *(rows[span] for rows in self._signals)]
         np.einsum("wk,w->k", np.concatenate(parts, 1), weights, out=self._sums[block.shape[1] :])
 
@@ -89,11 +89,11 @@ def _words(worlds: Worlds, kinds: list[type[Component]]) -> tuple[Array, Array, 
             owner[place.offset : place.offset + place.nbytes] = kinds.index(place.component)
     fours = owner.reshape(-1, 4)
     owners = fours.max(1)
-    whole = ((fours == owners[:, None]) | (fours < 0)).all(1)
-    parts = [(k, c) for k in np.flatnonzero(~whole) for c in np.unique(fours[k]) if c >= 0]
+    uniform = ((fours == owners[:, None]) | (fours < 0)).all(1)
+    parts = [(k, c) for k in np.flatnonzero(~uniform) for c in np.unique(fours[k]) if c >= 0]
     masks = [(np.where(fours[k] == c, 0xFF, 0) << np.arange(0, 32, 8)).sum() for k, c in parts]
     numbers, shares = (np.array([part[axis] for part in parts], np.intp) for axis in (0, 1))
-    return whole, np.maximum(owners, 0), numbers, np.array(masks, np.uint32), shares
+    return uniform, np.maximum(owners, 0), numbers, np.array(masks, np.uint32), shares
 
 
 def _rows(array: Array) -> Array:

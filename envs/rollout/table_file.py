@@ -148,8 +148,8 @@ def episode_file(
     Args:
         path: NAME.csv.
         env: As for `numbered`.
-        numbers: Likewise.
-        against: Likewise.
+        numbers: As for `numbered`.
+        against: As for `numbered`.
 
     Yields:
         A function that adds a row for each episode that counts.

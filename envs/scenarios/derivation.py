@@ -55,7 +55,7 @@ def by_full_name(find: Callable[[str], tuple[str, str]], given: Sequence[tuple[s
     found = dict[str, Any]()
     for name, value in given:
         if (full := "_".join(find(str(name)))) in found:
-            raise NumberError(f"{full} is given twice; say one of them")
+            raise NumberError(f"{full} is given twice; remove one of them")
         found[full] = value
     return found
 

@@ -20,7 +20,7 @@ class Part(NamedTuple):
 
     Attributes:
         x: Position of a point in the part, near its middle, where the middle of the disc can be, metres.
-        y: Likewise.
+        y: Its second coordinate, metres.
         area: The area that the middle of the disc can reach, square metres.
         starts: Indices of the start areas that overlap it.
     """

@@ -94,7 +94,7 @@ def atomic_write(target: Path, *, new: bool = False) -> Iterator[Path]:
 
     Raises:
         FileExistsError: Another process has written a `new` target. What was written here is kept as NAME-2;
-            the message says so.
+            the message has that name.
     """
     if target.exists() and not target.is_file() and not target.is_dir():
         yield target

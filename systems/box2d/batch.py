@@ -70,7 +70,7 @@ LIMITS[[VX, VY, OMEGA]] = 1e15, 1e15, 1e19
 LIMITS[[MASS, INERTIA]] = 1e17, 1e26
 LIMITS[MAX_TRAVEL] = np.inf
 TRAIT_LIMITS = np.array([1e5, 1e5, 1e5, 1e5, 0xFFFF, 0xFFFF, 1], np.float32)  # upper limits; the lower ones are 0
-JOINT_LIMITS = np.array([ROPE, CAPACITY, CAPACITY, 1e6, 1e6, 1e6, 1e6, 1e6, 1e5, 1e5, np.inf], np.float32)  # likewise
+JOINT_LIMITS = np.array([ROPE, CAPACITY, CAPACITY, 1e6, 1e6, 1e6, 1e6, 1e6, 1e5, 1e5, np.inf], np.float32)  # upper
 LONGEST = np.float32(2)  # metres: maximum distance of a body in a substep (b2_maxTranslation)
 SMALLEST = np.float32(1e-3)  # metres; minimum of radii and half sides
 

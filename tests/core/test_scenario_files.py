@@ -247,7 +247,7 @@ def test_numbers_can_be_drawn_anew_in_every_episode() -> None:
     )
     with pytest.raises(ScenarioError, match=r"--vary heals_count: --set has it, too; use one of them"):
         asked("ffa_3", "--vary", "n_heals=choice(2,8)", "--set", "heals_count=3")
-    with pytest.raises(NumberError, match="heals_count is given twice; say one of them"):
+    with pytest.raises(NumberError, match="heals_count is given twice; remove one of them"):
         asked("ffa_3", "--vary", "n_heals=choice(2,8)", "--vary", "heals_count=integers(1,3)")
 
 
@@ -267,7 +267,7 @@ def test_numbers_can_be_drawn_anew_in_every_episode() -> None:
         ("--vary melee_damage=normal(1,2)", r"--vary melee_damage: .* is not a distribution: uniform\(low, high\), "),
         ("--layout maze --without maze", "--layout maze: --with or --without takes it out again"),
         ("--with DropLast --without drop_last", "--with DropLast: --without takes it out again; use one of them"),
-        ("--set melee_damage=20 --set melee_damage=30", "melee_damage is given twice; say one of them"),
+        ("--set melee_damage=20 --set melee_damage=30", "melee_damage is given twice; remove one of them"),
         ("--with Boxes(count=3) --set n_boxes=4", "--set boxes_count: --with has it, too; use one of them"),
         ("--with DropLast(offset=1.0,offset=2.0)", "numbers are given as in .*, each once"),
         ("--layout mazze", "layout mazze: No such file or directory; did you mean maze"),

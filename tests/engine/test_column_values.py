@@ -203,5 +203,5 @@ def test_no_float_is_cut_off(line: str, right: bool) -> None:
     if right:
         acting(names["cut"], Phase.DRIVE, interpret=False)
         return
-    with pytest.raises(DeclarationError, match=r"mine\.cut \(.*\):? writes a float to .*, which cuts it off; cast it"):
+    with pytest.raises(DeclarationError, match=r"mine\.cut \(.*\):? writes a float to .*, which cuts it off; say so"):
         acting(names["cut"], Phase.DRIVE, interpret=False)

@@ -165,6 +165,6 @@ def test_what_was_written_is_read_back(tmp_path: Path, suffix: str, monkeypatch:
         path.write_bytes(path.read_bytes()[: int(0.6 * path.stat().st_size)])
 
     monkeypatch.setitem(writer.CODECS, suffix, codecs.Codec(careless, codec.read, codec.even))
-    with pytest.raises(FilmError, match="was not written whole"):
+    with pytest.raises(FilmError, match="was not written completely"):
         write_film(tmp_path / f"film{suffix}", frames())
     assert os.listdir(tmp_path) == []

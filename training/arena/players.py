@@ -54,10 +54,10 @@ class Contender:
         """
         player = self.player
         if player is None:
-            whole = self._make(env, seed)
+            play = self._make(env, seed)
             if self._function is not None or is_own(self.text):
-                whole = self._checked(whole, env)
-            return lambda seen, indices: np.asarray(whole(seen)[indices])
+                play = self._checked(play, env)
+            return lambda seen, indices: np.asarray(play(seen)[indices])
         player = copy.copy(player)  # the caller's player must not change
         player.reset = player._reset if player.memory else None
         if player.generator is not None:  # without a generator it takes the likeliest actions
@@ -137,10 +137,10 @@ def _expanded(policy: Given) -> list[tuple[str, str | Policy]]:
 
 def labels(texts: Sequence[str]) -> list[str]:
     """Return a unique label for each text; for a path, the shortest unique end. Raises TrainingError."""
-    whole = [_parts(text) for text in texts]
-    if len(set(whole)) < len(whole):
+    parts_of = [_parts(text) for text in texts]
+    if len(set(parts_of)) < len(parts_of):
         raise TrainingError(f"a policy is named twice: {', '.join(texts)}")
-    return [_shortest(parts, [other for other in whole if other != parts]) for parts in whole]
+    return [_shortest(parts, [other for other in parts_of if other != parts]) for parts in parts_of]
 
 
 def _parts(text: str) -> tuple[str, ...]:

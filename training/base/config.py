@@ -46,8 +46,8 @@ def parse_warm_start(text: str) -> tuple[str, int]:
     Networks of any kind can be imitated; to take weights, a file needs a critic. "": random weights. Raises
     TrainingError if the text does not follow the description of `warm_start` in TrainingConfig.
     """
-    whole = ":" not in text or is_saved(text) or Path(text).is_dir()  # such as C:/runs
-    name, _, length = (text, "", "") if whole else text.rpartition(":")
+    no_length = ":" not in text or is_saved(text) or Path(text).is_dir()  # such as C:/runs
+    name, _, length = (text, "", "") if no_length else text.rpartition(":")
     if text and name not in TEACHERS and not is_saved(policy_file(name, TEACHERS)):
         known = f"{', '.join(TEACHERS)} or a saved policy ({SAVED_AS})"
         raise TrainingError(f"warm start {text}: must be {known}, optionally with :STEPS")
@@ -209,14 +209,14 @@ class TrainingConfig:
     def __post_init__(self) -> None:
         """Check all values. Raises ScenarioError for an unknown preset, TrainingError for other impossible values."""
         preset(self.preset)
-        whole = {
+        integers = {
             name: as_whole(getattr(self, name)) for name, each in options_of(self).items() if each.least is not None
         }
         try:
-            check_options(self, vars(self) | whole)
+            check_options(self, vars(self) | integers)
         except ValueError as error:
             raise TrainingError(str(error)) from None
-        for name, value in whole.items():
+        for name, value in integers.items():
             object.__setattr__(self, name, int(value))
         kinds = (kind for module in self.scenario.modules for kind in module.archetypes())
         if self.dead == "drop" and any(isinstance(part, Return) for kind in kinds for part in kind.parts):

@@ -73,7 +73,7 @@ def truncate_log(path: Path, steps: int) -> None:
     lines = read_text(path).splitlines(keepends=True)
     if lines and not ",".join(HEADER).startswith(lines[0].strip()):  # the heading may be incomplete, too
         raise TrainingError(f"{path} is not the log of a run: its first line is not {','.join(HEADER)}")
-    whole = [(number, line) for number, line in enumerate(lines[1:], 2) if line.endswith("\n")]
-    kept = [line for number, line in whole if _row(path, number, line)[1] <= steps]
+    complete = [(number, line) for number, line in enumerate(lines[1:], 2) if line.endswith("\n")]
+    kept = [line for number, line in complete if _row(path, number, line)[1] <= steps]
     with atomic_write(path) as place:
         place.write_text("".join([",".join(HEADER) + "\n", *kept]), encoding="utf-8")

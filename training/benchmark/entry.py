@@ -170,8 +170,8 @@ class EntryRun:
         """Put the policy into the folder: train it, or copy an existing one, which must be the one that played."""
         content, kept = self.result.content, self.entry.folder / POLICY
         played = self.result.matches or content["response"]
-        mended = not played and self.entry.agent.kind != PRESET  # copied anew, since it may have changed
-        if content["policy"] is None or mended:
+        replaced = not played and self.entry.agent.kind != PRESET  # copied anew, since it may have changed
+        if content["policy"] is None or replaced:
             content["policy"] = self._policy()
             self.result.write()
             return

@@ -250,6 +250,6 @@ def _digests(path: Path, size: int) -> list[int]:
     with contextlib.closing(Recording.open(path).tick_records()) as ticks:
         for tick in ticks:
             parts = (tick.mode, "i1"), (tick.codes, code), (tick.keys, "<u8"), (tick.digest, "<u2")
-            whole = b"".join(np.ascontiguousarray(values, kind).tobytes() for values, kind in parts)
-            found.append(int.from_bytes(hashlib.blake2b(whole, digest_size=size).digest(), "little"))
+            joined = b"".join(np.ascontiguousarray(values, kind).tobytes() for values, kind in parts)
+            found.append(int.from_bytes(hashlib.blake2b(joined, digest_size=size).digest(), "little"))
     return found

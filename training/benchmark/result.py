@@ -179,8 +179,8 @@ def wrong_with_match(match: Content, names: tuple[str, ...] = ("game", "against"
         return "invalid digests"
     pairs = [pair for figures in match["figures"] for pair in figures.values()]
     names_of_figures = [name for figures in match["figures"] for name in figures]
-    whole = all(isinstance(pair, list) and len(pair) == 2 and are_finite(pair) for pair in pairs)
-    if len(match["figures"]) != 2 or not all(map(is_word, names_of_figures)) or not whole:
+    sound = all(isinstance(pair, list) and len(pair) == 2 and are_finite(pair) for pair in pairs)
+    if len(match["figures"]) != 2 or not all(map(is_word, names_of_figures)) or not sound:
         return "invalid figures"
     return ""
 

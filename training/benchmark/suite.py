@@ -1,7 +1,7 @@
 """The held-out suite: opponents that no agent is trained against, the same for all agents, with fixed ratings.
 
 These are scripted styles, and anchors: frozen policies. For each task, `outlast benchmark anchors` makes a file
-anchors/TASK.safetensors with all its anchors and the ratings of the whole suite in that task.
+anchors/TASK.safetensors with all its anchors and the ratings of the suite in that task.
 """
 
 import csv

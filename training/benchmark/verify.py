@@ -84,11 +84,11 @@ def verify(place: Path, at_once: int = 1) -> Iterator[Verification]:
             plans.append(cross_checks(folder, find(folder), [entry.name for entry in entries]))
     found = results([check for plan in plans for check in plan], at_once)
     for plan in filter(None, plans):
-        whole, matches = next(found), []
+        first, matches = next(found), []
         for match in islice(found, len(plan) - 1):
             matches.append(match)
             yield match
-        yield whole.of(matches)
+        yield first.of(matches)
     if (place / scores.NAME).exists():
         yield _of_scores(place)
 
@@ -141,8 +141,8 @@ def cross_checks(folder: Path, entries: Sequence[Result], chosen: Collection[str
             found.append(partial(Verification, what, missing=f"the entry {gone[0]} is not here"))
         else:
             found.append(partial(_of_match, what, path, _of_cross, task, match, path, by_name[one], by_name[other]))
-    whole = partial(Verification, f"{folder.name}, cross-play", missing=absent)
-    return [whole, *found] if wanted else []
+    all_of_it = partial(Verification, f"{folder.name}, cross-play", missing=absent)
+    return [all_of_it, *found] if wanted else []
 
 
 def _of_match(what: str, recording: Path, judge: Callable[..., Verification], *arguments: Any) -> Verification:

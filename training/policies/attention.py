@@ -119,8 +119,8 @@ def differentiate(
 
 def possible(rows: Tensor, heads: int) -> bool:
     """Return whether the kernels can process these rows; otherwise PyTorch's operations do."""
-    whole = rows.shape[1] == 3 * HEAD * heads and heads % (BYTES // 4 // HEAD) == 0
-    return whole and rows.device.type == "cpu" and rows.dtype == torch.float32 and compiled()
+    fits = rows.shape[1] == 3 * HEAD * heads and heads % (BYTES // 4 // HEAD) == 0
+    return fits and rows.device.type == "cpu" and rows.dtype == torch.float32 and compiled()
 
 
 class Means(torch.autograd.Function):

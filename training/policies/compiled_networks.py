@@ -419,8 +419,8 @@ def plan(networks: Any) -> Plan | None:
     """Return the memory layout of the layers of an ActorCritic; None if the kernels cannot compute them."""
     preset = networks.preset
     simple = preset.shared and not (preset.leaky or networks.memory or networks.state) and preset.activation == "relu"
-    whole = preset.width % VECTOR == preset.hidden % VECTOR == 0 and preset.width == HEAD * preset.heads
-    return Plan(networks.layout, preset, sum(networks.sizes)) if simple and whole and compiled() else None
+    fits = preset.width % VECTOR == preset.hidden % VECTOR == 0 and preset.width == HEAD * preset.heads
+    return Plan(networks.layout, preset, sum(networks.sizes)) if simple and fits and compiled() else None
 
 
 def able(networks: Any) -> bool:

@@ -45,7 +45,7 @@ class Player:
     Actions are int64 (..., agents, actions), sampled by a generator of its own, or the likeliest ones without a seed.
     They are computed on one thread, for any setting of PyTorch, and that setting is restored.
 
-    A policy with a memory keeps the memory of each agent, and `reset` tells it where episodes begin. Environments call
+    A policy with a memory keeps the memory of each agent, and `reset` marks where episodes begin. Environments call
     `reset`; in your own loops, `outlast.envs.rollout.memory.told` does. It plays in one batch of worlds at a time.
 
     Attributes:
@@ -155,7 +155,7 @@ class Player:
     def __call__(self, observations: dict[str, Array]) -> Array:
         """Choose the actions for these observations.
 
-        Raises TrainingError: shapes differ from those in training; or the policy has a memory, and was not told where
+        Raises TrainingError: shapes differ from those in training; or the policy has a memory, and does not know where
         episodes begin.
         """
         (logs,) = self._ask(observations, _logs)

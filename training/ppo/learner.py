@@ -215,11 +215,11 @@ class Learner:
         self.figures, self.agreed = next((*own,) for own in names if own), True
         if self.loss in OUR_LOSSES:
             return
-        whole, *halves = (self._share(samples, part, *which) for which in ((0, 1), (0, 2), (1, 2)))
+        total, *halves = (self._share(samples, part, *which) for which in ((0, 1), (0, 2), (1, 2)))
         each = [float(half[0][0]) for half in halves if half]
-        if whole and abs(float(whole[0][0]) - sum(each)) > SUMS * sum(map(abs, each)) + SUMS**2:
+        if total and abs(float(total[0][0]) - sum(each)) > SUMS * sum(map(abs, each)) + SUMS**2:
             raise TrainingError(
-                f"loss {name_of(self.loss)} of a minibatch is {float(whole[0][0]):.4g}, and those of its halves are "
+                f"loss {name_of(self.loss)} of a minibatch is {float(total[0][0]):.4g}, and those of its halves are "
                 f"{' and '.join(f'{half:.4g}' for half in each)}: they must add up to it, so take batch.mean(x) in "
                 "place of x.mean() and x.sum(), multiply other terms by batch.weights.sum(), and do not draw numbers"
             )

@@ -128,9 +128,9 @@ def self_play(pairing: Pairing, agents: int) -> dict[str, tuple[float, float]]:
         if name in both:
             mean, error = ratio(both[name])
             found[title] = (times or agents) * mean, (times or agents) * error
-    for title, (part, whole) in SHARES.items():
-        if {part, whole} <= both.keys():
-            found[title] = ratio(np.stack([both[part][:, 0], both[whole][:, 0]], -1))
+    for title, (part, base) in SHARES.items():
+        if {part, base} <= both.keys():
+            found[title] = ratio(np.stack([both[part][:, 0], both[base][:, 0]], -1))
     return {title: pair for title, pair in found.items() if not math.isnan(pair[0])}
 
 

@@ -114,7 +114,7 @@ def _film(game: Scenario, policy: Path, path: Path) -> Path:
     first = outlast.rollout(game, policy, worlds=1, seed=0)
     length = int(next(mean for name, mean, _ in first.rows() if name == "length"))
     with tempfile.TemporaryDirectory() as folder:
-        whole, small = Path(folder, "film.mp4"), Path(folder, path.name)
-        compress(outlast.film(game, whole, policy=policy, worlds=1, seed=0, steps=length, **FILM), small)
+        film, small = Path(folder, "film.mp4"), Path(folder, path.name)
+        compress(outlast.film(game, film, policy=policy, worlds=1, seed=0, steps=length, **FILM), small)
         (written,) = _written({path: small.read_bytes()})
     return written

@@ -20,7 +20,7 @@ from ..plots.groups import check_seeds
 from ..plots.runs import ABSENT, Run, kept_runs, load, read_kept, usual_numbers
 
 DIGITS = 4  # of values from logs of runs: kept results are small and look the same
-PAPER_STEPS = 10_000_000  # agent-steps that the authors trained each variant for, rounded up to a whole rollout
+PAPER_STEPS = 10_000_000  # agent-steps that the authors trained each variant for, rounded up to a full rollout
 DEFAULTS = {"worlds": 1, "rollout": ROLLOUT, "dead": "keep", **asdict(Hyperparameters())}  # as in the paper
 
 

@@ -31,11 +31,11 @@ class HealthBarsLayer(Layer):
         """Draw bars of all agents, and of other bodies that are damaged; none in very small pictures."""
         if self.height * canvas.scale < VISIBLE:
             return
-        points, whole, has_health = scene[Health].points, scene.prefab(Health).points, scene[Health].has_health
+        points, full, has_health = scene[Health].points, scene.prefab(Health).points, scene[Health].has_health
         agents = set(scene.rows(Side))
         for e in scene.living(Body, Shape, Health):
-            if has_health[e] and (e in agents or points[e] < whole[e]):
-                self._draw(canvas, scene, e, points[e] / max(whole[e], 1))
+            if has_health[e] and (e in agents or points[e] < full[e]):
+                self._draw(canvas, scene, e, points[e] / max(full[e], 1))
 
     def _draw(self, canvas: Canvas, scene: Scene, e: int, share: float) -> None:
         height = self.height

@@ -113,9 +113,9 @@ class ScoreLine:
         self.canvas.text(x + DISC / 2 * unit, y, str(self.i), height, ink_on(color) if self.alive else PAPER)
 
     def _bar(self, x: float, y: float, unit: int) -> None:
-        points, whole = self.scene[Health].points[self.e], self.scene.prefab(Health).points[self.e]
+        points, start = self.scene[Health].points[self.e], self.scene.prefab(Health).points[self.e]
         # the other half is for hit points beyond those at the start
-        share, full = points / max(whole, 1), BAR / 2 * unit
+        share, full = points / max(start, 1), BAR / 2 * unit
         if not self.alive:
             return
         self.canvas.rectangle(x, y - 0.4 * unit, x + full, y + 0.4 * unit, WALL)

@@ -128,10 +128,10 @@ def write_mp4(path: Path, frames: Iterator[Image], fps: int) -> None:
 
 def write_gif(path: Path, frames: Iterator[Image], fps: int) -> None:
     """Write a GIF with one palette for all frames, which are kept on disk until it is chosen; no dithering."""
-    whole = path.with_name("whole.mkv")
-    _encode(whole, frames, fps, LOSSLESS)
-    _ffmpeg(path, "-i", whole.name, "-i", whole.name, "-filter_complex", PALETTE, "-fps_mode", "passthrough")
-    whole.unlink()
+    lossless = path.with_name("whole.mkv")
+    _encode(lossless, frames, fps, LOSSLESS)
+    _ffmpeg(path, "-i", lossless.name, "-i", lossless.name, "-filter_complex", PALETTE, "-fps_mode", "passthrough")
+    lossless.unlink()
 
 
 def compress(film: Path, path: Path) -> None:

@@ -129,11 +129,11 @@ def _verify(temporary: Path, codec: Codec, shapes: list[tuple[int, ...]], target
     try:
         found = codec.read(temporary)
     except ValueError as error:
-        raise FilmError(f"{target} was not written whole: {error}") from error
+        raise FilmError(f"{target} was not written completely: {error}") from error
     if found != (len(shapes), *shapes[0][:2]):
         count, height, width = found
         raise FilmError(
-            f"{target} was not written whole: {count} frames of {width} x {height} can be read back, "
+            f"{target} was not written completely: {count} frames of {width} x {height} can be read back, "
             f"{len(shapes)} of {shapes[0][1]} x {shapes[0][0]} were written; is the disk full?"
         )
 
