@@ -136,7 +136,7 @@ def _is_raised(trace: TracebackType | None) -> bool:
 def _limited(codes: Collection[CodeType], left: list[int]) -> Any:
     """Return a context that raises _TooLong once these have run more lines than are left.
 
-    Without effect if there are none, or under a debugger or a measurement of coverage.
+    Without effect for an empty set, or under a debugger or a measurement of coverage.
     """
 
     def trace(frame: Any, event: str, value: Any) -> Any:

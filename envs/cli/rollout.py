@@ -210,4 +210,4 @@ def _write(path: str, text: str) -> None:
     except FileExistsError as error:
         raise UsageError(f"{path} exists, {error.strerror}") from error
     except OSError as error:
-        raise UsageError(f"{path} cannot be written: {error.strerror or error}; there is no summary") from error
+        raise UsageError(f"{path} cannot be written: {error.strerror or error}; the summary is not written") from error

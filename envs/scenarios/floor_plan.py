@@ -201,7 +201,7 @@ class FloorPlan:
             return _from_json(text) if text.lstrip().startswith("{") else cls.from_text(text)
         # UnicodeDecodeError and JSONDecodeError are ValueErrors
         except (ScenarioError, *strict_json.BROKEN) as error:
-            raise ScenarioError(f"{name} is no floor plan: {error}") from None
+            raise ScenarioError(f"{name} is not a floor plan: {error}") from None
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the plan to a JSON file, completely or not at all, replacing what was there before.

@@ -62,7 +62,7 @@ class State:
         if isinstance(which, (tuple, bool, np.bool_)) or which is None or np.ndim(which) > 1:
             raise IndexError(f"a state has one axis, its worlds: {which!r:.80} is not an index of it")
         if isinstance(which, (int, np.integer)) and not -len(self) <= which < len(self):
-            raise IndexError(f"there is no world {which}: the state is of {len(self)}")
+            raise IndexError(f"world {which} does not exist: the state is of {len(self)}")
         chosen = slice(which, which + 1 or None) if isinstance(which, (int, np.integer)) else which
         return State(self.scenario, {name: array[chosen].copy() for name, array in self.arrays.items()})
 

@@ -125,7 +125,7 @@ def move_into(body: Array, e: int, area: Array, u: Real, v: Real) -> None:
 
 @kernel
 def drawn_area(areas: Array, use: int, share: Real) -> int:
-    """Return the area for `use` in which this share of their total floor ends; -1 if there is none."""
+    """Return the area for `use` in which this share of their total floor ends; -1 without one."""
     total, found = ZERO, -1
     for n in range(areas.shape[0]):
         if is_for(areas, n, use):

@@ -151,7 +151,7 @@ FILES: dict[str, tuple[str | bytes, str]] = {
     "twice": ('{"format": "outlast floor plan", "format": "outlast floor plan"}', "it has 'format' twice"),
     "NaN": (json.dumps(GOOD | {"walls": [[math.nan, 0, 1, 1]]}), r"walls\[0\] has nan: a number"),
     "a large number": (json.dumps(GOOD | {"walls": [[1e300, 0, 1, 1]]}), "at most 10000"),
-    "cut off": (json.dumps(GOOD)[:-5], "is no floor plan"),
+    "cut off": (json.dumps(GOOD)[:-5], "is not a floor plan"),
     "large": (b"#" * (2**20 + 1), "more than 1,048,576 bytes"),
     "a long line": ("#" * 2000, "1 to 1000 either way"),
 }

@@ -85,7 +85,7 @@ def test_states_can_be_chosen_from() -> None:
     assert (len(state), len(state[2]), len(state[1:4]), len(state[np.arange(WORLDS) % 2 == 0])) == (6, 1, 3, 3)
     assert state[-1].arrays["world"].tobytes() == env.worlds.block[5].tobytes()
     assert ([len(each) for each in state], len(state[np.array(2)])) == ([1] * 6, 1)
-    with pytest.raises(IndexError, match="there is no world 6: the state is of 6"):
+    with pytest.raises(IndexError, match="world 6 does not exist: the state is of 6"):
         state[6]
     for wrong in ((0,), None, True, np.array(False), np.zeros((3, 3), bool)):
         with pytest.raises(IndexError, match="a state has one axis, its worlds"):

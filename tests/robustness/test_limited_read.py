@@ -112,7 +112,7 @@ NESTED: dict[str, tuple[type[Exception], str]] = {
     "levels": (ScenarioError, "is not a file of levels"),
     "scenario": (ScenarioError, "does not hold a scenario"),
     "roles": (ScenarioError, "does not hold roles"),
-    "floor plan": (ScenarioError, "is no floor plan"),
+    "floor plan": (ScenarioError, "is not a floor plan"),
     "recording": (RecordingError, "is not a recording"),
     "message": (MessageError, "messages are JSON"),
     "result.json": (TrainingError, "is not a result of the benchmark"),

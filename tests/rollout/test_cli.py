@@ -290,7 +290,7 @@ LINES = {
     "layout maze --out /nowhere/x.json": "/nowhere/x.json cannot be written: there is no folder",
     "layout maze --worlds 100000 --out x.png": "a mosaic of 316x317 pictures of 384 pixels is wider than 16384",
     "layout x.json --out x.json": "LAYOUT and --out are both x.json: give another name for one",
-    "rollout ffa_1 --layout /dev/null": "/dev/null is no floor plan: a drawing of 0 x 0 characters",
+    "rollout ffa_1 --layout /dev/null": "/dev/null is not a floor plan: a drawing of 0 x 0 characters",
 }
 
 

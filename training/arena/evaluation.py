@@ -390,7 +390,7 @@ def _group_tables(evaluation: Evaluation, found: Groups, width: int | None) -> I
 
 
 def _group_rows(evaluation: Evaluation) -> list[tuple[Any, ...]]:
-    """Return the rows of groups.csv; none where there is no table of groups."""
+    """Return the rows of groups.csv; none without a table of groups."""
     try:
         found = evaluation.groups()
     except TrainingError:

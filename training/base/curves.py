@@ -120,7 +120,7 @@ def curves_of_log(path: Path, known: Callable[[str], bool]) -> Curves:
 
 
 def _spread(rows: list[tuple[int, float]], steps: Array) -> Array:
-    """Return the values at all steps, NaN where there is none."""
+    """Return the values at all steps, NaN where a step has none."""
     values = np.full(len(steps), np.nan, np.float32)
     own = [value if abs(value) < BEYOND else np.nan for _, value in rows]
     values[np.searchsorted(steps, [step for step, _ in rows])] = own
@@ -207,7 +207,7 @@ class EndValue:
 class MovingAverage:
     """Mean, minimum and maximum of the moving averages of runs at each number of agent-steps, all (points,).
 
-    After the end of a run, the average is over the other runs, or there are no points: see `average`.
+    After the end of a run, the average is over the other runs, or points end: see `average`.
     """
 
     steps: Array

@@ -55,7 +55,7 @@ def _fields(line: str) -> tuple[str, str, str]:
 
 
 def last_step(path: Path) -> int:
-    """Return the agent-steps of the last complete row of a log that is being written; 0 if there is none."""
+    """Return the agent-steps of the last complete row of a log that is being written; 0 without one."""
     try:
         lines = path.read_text(encoding="utf-8").rpartition("\n")[0].splitlines()
         return int(_fields(lines[-1])[1]) if len(lines) > 1 else 0

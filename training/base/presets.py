@@ -143,7 +143,7 @@ def preset(name: Any) -> Preset:
         raise ScenarioError(f"preset {error}") from None
     for each in chosen.values():
         if each not in PRESETS:
-            raise ScenarioError(f"there is no preset '{each}'; known: {', '.join(PRESETS)}")
+            raise ScenarioError(f"unknown preset '{each}'; known: {', '.join(PRESETS)}")
     base = PRESETS[chosen[""]]
     if len(chosen) == 1:
         return base

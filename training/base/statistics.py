@@ -62,7 +62,7 @@ def iqm(scores: Scores) -> Any:
         float64 (...): a number if scores have no leading axes.
 
     Raises:
-        TrainingError: There are no scores, or not only numbers.
+        TrainingError: Scores are empty, or not only numbers.
     """
     tasks = _checked(scores)
     runs = [each.shape[-1] for each in tasks]
@@ -127,7 +127,7 @@ def stratified_bootstrap(statistic: Callable[..., Any], *scores: Scores, reps: i
         The statistic of the scores, and the ends of its interval.
 
     Raises:
-        TrainingError: There are no scores, or not only numbers, or a task has a single run.
+        TrainingError: Scores are empty, or not only numbers, or a task has a single run.
     """
     if reps < 1:
         raise TrainingError(f"reps = {reps}: expected at least 1 resampling")

@@ -238,7 +238,7 @@ def _mean(values: Sequence[float]) -> float | None:
 
 
 def _over_seeds(values: Any) -> Scores:
-    """Return the values of seeds, with their mean and its 95 % interval; for one seed there is no interval."""
+    """Return the values of seeds, with their mean and its 95 % interval; for one seed without an interval."""
     low, high = statistics.interval(values) or (None, None)
     known = {} if low is None else {"low": _rounded(low), "high": _rounded(high)}
     return {"seeds": _rounded(values), "mean": _rounded(np.mean(values)), **known}

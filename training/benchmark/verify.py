@@ -224,7 +224,7 @@ def _of_games(game: TaskGame, pair: list[Contender | None], match: Content, path
 
 
 def _wrong_with_outcome(match: Content, outcome: Content) -> str:
-    """Return the contradiction between the recording of a match and the result; empty if there is none."""
+    """Return the contradiction between the recording of a match and the result; empty without one."""
     for key in ("games", "won", "drawn", "lost"):
         if outcome[key] != match[key]:
             return f"{key} is {match[key]} in the result, but {outcome[key]} in the recording"

@@ -102,7 +102,7 @@ def differentiate(
                 store(to + width, zero)
                 store(to + 2 * width, load(share) * slope)
                 store(share, head_sums(load(row + 2 * width) * slope) * each)
-            for q in range(seen if seen > 1 else 0):  # of one row, the share is 1 whatever its query
+            for q in range(seen if seen > 1 else 0):  # for one row, the share is 1 for any query
                 pairs, mean, query, moved = likely + q * seen * width + h, zero, load(rows + q * stride + h), zero
                 for k in range(seen):
                     mean = mean + load(pairs + k * width) * load(shares + k * share_stride + h)

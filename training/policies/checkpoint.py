@@ -86,7 +86,7 @@ def load_weights(policy: Networks, weights: Any, where: str = WEIGHTS) -> None:
 
 
 def wrong_weight(weights: Mapping[str, Tensor]) -> str:
-    """Return the name of the first weights that are NaN or beyond HEAVIEST; "" if there are none."""
+    """Return the name of the first weights that are NaN or beyond HEAVIEST; "" without any."""
     return next((name for name, weight in weights.items() if not (weight.abs() <= HEAVIEST).all()), "")
 
 

@@ -129,7 +129,7 @@ class Player:
         counts: Whether there must be as many entities of each kind as in training. Its weights do not depend on that.
         """
         with self._named():
-            self._check(env._reader.views, counts)  # whatever form a learner gets them in
+            self._check(env._reader.views, counts)  # views do not depend on the form for learners
             checkpoint.check_fields(self.header, env)
             known, asked = self.header["actions"], [int(size) for size in env.action_sizes]
             if known != asked:

@@ -110,7 +110,7 @@ def _checked_frames(frames: Iterable[Any], codec: Codec, shapes: list[tuple[int,
         shapes.append(padded.shape)
         yield padded
     if not shapes:
-        raise FilmError("there are no frames: a film needs at least one")
+        raise FilmError("frames are missing: a film needs at least one")
 
 
 @contextlib.contextmanager

@@ -204,7 +204,7 @@ def replay_page(
 
 
 def title_of(recording: Recording) -> str:
-    """Return a title from the scenario and the file, printable whatever the file is called."""
+    """Return a title from the scenario and the file, printable for any name of the file."""
     return f"{recording.scenario.name}: {os.fsencode(Path(recording.path).name).decode(errors='backslashreplace')}"
 
 
