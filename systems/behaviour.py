@@ -71,7 +71,7 @@ def average(means: Array, i: int, value: Any, count: int) -> None:
 
 @kernel
 def arrive(track: Array, i: int, body: Array, floor: Array, e: int, cells: int) -> None:
-    """Record the position of agent `i`, in row `e`, and the cell that it visits; cells end at the room."""
+    """Record the position of agent `i`, in row `e`, and the cell that it visits, if it is in the room."""
     track.here[i], track.x[i], track.y[i] = 1, body.x[e], body.y[e]
     x, y = body.x[e] / floor.size[0] + HALF, body.y[e] / floor.size[floor.size.size - 1] + HALF
     if ZERO <= x < ONE and ZERO <= y < ONE:
