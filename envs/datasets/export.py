@@ -21,15 +21,15 @@ MINARI = "minari:"
 def export_dataset(path: str, replay: Replay, selection: Selection, flat: bool = False) -> int:
     """Write the selected samples, and return the number of agent-steps.
 
-    path: a folder, for .npz shards and a manifest; NAME.parquet; or minari:NAME-v0. Nothing of that name may exist, and
-    the dataset appears only when all of it is written. flat: for NAME.parquet, a column for each number. Raises
+    path: a folder, for .npz shards and a manifest; NAME.parquet; or minari:NAME-v0. The name must not exist, and
+    the dataset appears only when it is complete. flat: for NAME.parquet, a column for each number. Raises
     RecordingError, ReplayError.
     """
     check_new(path)
     target = Path(path)
     with _said_of(path):
         if path.startswith(MINARI):
-            from .minari import export_minari  # imported only where it is needed, as its library is optional
+            from .minari import export_minari  # imported here, since its library is optional
 
             return export_minari(path.removeprefix(MINARI), replay, selection)
         if target.suffix == ".parquet":
@@ -40,7 +40,7 @@ def export_dataset(path: str, replay: Replay, selection: Selection, flat: bool =
 
 
 def check_new(path: str) -> None:
-    """Refuse a dataset that cannot be written, as far as this is known before anything is replayed.
+    """Check that a dataset can be written, as far as possible before the replay.
 
     Raises:
         RecordingError: A dataset of that name exists, the name is not possible, or a library is missing.
@@ -101,7 +101,7 @@ def _export_npz(target: Path, replay: Replay, selection: Selection) -> int:
 def _save(path: Path, arrays: dict[str, np.ndarray[Any, Any]]) -> None:
     """Save arrays as numpy.savez_compressed does, but at level 1.
 
-    Most of what agents observe is zero, and shrinks to a tenth or less. Level 1 writes at half the speed of no
+    Most observed numbers are zero, and shrink to a tenth or less. Level 1 writes at half the speed of no
     compression, and numpy's own level at a fifth.
     """
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as file:

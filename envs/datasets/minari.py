@@ -91,7 +91,7 @@ def export_minari(name: str, replay: Replay, selection: Selection) -> int:
 
 
 def recovered(game: dict[str, Any], mechanics: list[str], **options: Any) -> gymnasium.Env[Any, Any]:
-    """Make the environment of a dataset: one agent of the recorded scenario, as in `gymnasium.make("outlast/...")`.
+    """Return the environment of a dataset: one agent of the recorded scenario, as in `gymnasium.make("outlast/...")`.
 
     Args:
         game: The scenario, as described in recordings.

@@ -27,7 +27,7 @@ RESERVED = {*WORLDS, "agent", "reward", "alive", *ENDS}
 
 
 def export_parquet(target: Path, replay: Replay, selection: Selection, flat: bool = False) -> int:
-    """Write one file, and return the number of its rows. Agents that an episode lacks have no rows.
+    """Write one file, and return the number of its rows. Agents that are not in an episode have no rows.
 
     Columns are those of DatasetSamples, `agent`, one for each action, and for each key of the observations two with
     lists of fixed length, "observation_KEY" and "final_KEY"; the latter is null unless the row is the last of its
@@ -97,7 +97,7 @@ def _table(batch: DatasetSamples, names: list[str], numbers: dict[str, list[str]
 
 
 def _observed(array: Array, key: str, numbers: dict[str, list[str]]) -> dict[str, Any]:
-    """Return observations, float32 (n, agents, ...), as columns of n * agents numbers, or else lists, by name."""
+    """Return observations, float32 (n, agents, ...), as columns of n * agents numbers, or lists, by name."""
     size = int(np.prod(array.shape[2:]))
     if not size:
         return {}
@@ -108,5 +108,5 @@ def _observed(array: Array, key: str, numbers: dict[str, list[str]]) -> dict[str
 
 
 def _taken(column: Any, where: Any) -> Any:
-    """Return the entries of a column at the places `where`, and null where that is null."""
+    """Return the entries of a column at the positions `where`, and null where that is null."""
     return column.take(where) if len(column) else pa.nulls(len(where), column.type)

@@ -40,7 +40,7 @@ COLUMNS = {
 class Selection:
     """Samples to export: those of the worlds `worlds`, from the tick `first` to the tick `last`.
 
-    verify: whether to compare digests. progress: called with the number of each tick that is replayed.
+    verify: whether to compare digests. progress: called with the number of each replayed tick.
     """
 
     worlds: Sequence[int]
@@ -155,7 +155,7 @@ def _actions(worlds: Worlds, recording: Recording, rows: Array) -> Array:
 
 
 def _last_steps(recording: Recording, selection: Selection) -> dict[int, list[int]]:
-    """Return, by number of the tick, the worlds whose last step before a reset, or before the end, it is."""
+    """Return, by number of the tick, the worlds with their last step before a reset, or before the end, in it."""
     latest, last_steps = np.full(recording.num_worlds, -1), dict[int, list[int]]()
 
     def note(rows: Array) -> None:

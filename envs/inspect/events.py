@@ -1,4 +1,4 @@
-"""Events of the last tick of a world, as pages show them."""
+"""Events of the last tick of a world, for pages."""
 
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -25,7 +25,7 @@ from ..rendering.scene import Scene
 from .event_table import event_table
 from .world_json import Bodies, Json, bodies_of
 
-# pages show these in ways of their own, so `_others` leaves them out
+# pages show these in their own way, so `_others` leaves them out
 KNOWN = (BoxBroken, BoxPlaced, Death, Hit, ItemDropped, ItemGiven, ItemPicked, ItemUsed, Strike)
 
 
@@ -36,7 +36,7 @@ class PageEvent:
     kind: start (of an episode), kill (a death caused by another side), death (any other death), heal, place (a box),
     use (any other item), break (a box), other (an event of a user's mechanic), end. agent: the agent that died, used an
     item, broke a box or did something else; by: the agent that killed; side: the side that killed or broke, for an end
-    the only side that is left; object: the item or box. These are numbers; -1 means none or unknown. cause: for
+    the only remaining side; object: the item or box. These are numbers; -1 means none or unknown. cause: for
     a death the damage type; for an end "terminated", "truncated" or "rule"; for `other` the event in words.
     """
 
@@ -49,7 +49,7 @@ class PageEvent:
 
 
 def events(worlds: Worlds, w: int) -> list[Json]:
-    """Return what happened in the last tick of world `w`, as dicts of PageEvent's fields, in the order of the tick."""
+    """Return the events of the last tick of world `w`, as dicts of PageEvent's fields, in the order of the tick."""
     scene, bodies = Scene(worlds, w), bodies_of(worlds.layout)
     found = [] if scene[Clock].tick[0] else [PageEvent("start")]
     found += [_use(scene, bodies, event) for event in scene.events(ItemUsed)]
@@ -78,13 +78,13 @@ def _death(scene: Scene, bodies: Bodies, event: Any) -> PageEvent:
 
 
 def _others(scene: Scene, bodies: Bodies) -> list[PageEvent]:
-    """Return the events of a user's mechanics, in words; if an agent did something, it is `agent` and not in words."""
+    """Return the events of a user's mechanics, in words; an acting agent is given as `agent`, not in words."""
     found = []
     for kind in scene.worlds.layout.events:
         if kind in KNOWN and kind is not Death:
             continue
         entries = [*enumerate(scene.events(kind))]
-        if kind is Death:  # deaths of agents are shown by `_death`, but other things die, too
+        if kind is Death:  # `_death` shows deaths of agents, but other entities die, too
             entries = [(k, entry) for k, entry in entries if bodies.agent_number(entry.agent) < 0]
         if not entries:
             continue

@@ -1,4 +1,4 @@
-"""An agent's observation as text: what it contains, and nothing else."""
+"""An agent's observation as text."""
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,7 +21,7 @@ RAYS = 32  # up to this many rays, all are written; of more, only the shortest a
 
 
 class Viewpoint:
-    """An agent, its place and where it faces. row: one of `own` or `others`, with these fields; roles: their names."""
+    """An agent, its position and its heading. row: one of `own` or `others`, with these fields; roles: their names."""
 
     def __init__(self, row: Array, fields: Mapping[str, Field], roles: Sequence[str]) -> None:
         self.id, self.x, self.y, self.angle = _values(row, fields, "id", "x", "y", "angle")
@@ -43,7 +43,7 @@ class Viewpoint:
         return f"{self.distance(x, y):.1f} m {self.bearing(x, y)}"
 
     def bearing(self, x: float, y: float) -> str:
-        """Return the direction of a point, relative to where the agent faces, in words."""
+        """Return the direction of a point, relative to the agent's heading, in words."""
         angle = math.degrees(math.atan2(y - self.y, x - self.x) - self.angle)
         degrees = round((angle + 180) % 360 - 180)
         if abs(degrees) <= 2:
@@ -125,7 +125,7 @@ def _rays(distances: Array) -> str:
 
 
 def _agents(viewpoint: Viewpoint, others: list[Viewpoint]) -> Lines:
-    """Return lines about enemies and, if there are teams, friends, each nearest first."""
+    """Return lines about enemies and, with teams, about friends, the nearest first."""
     lines: Lines = {heading: [] for heading in ("Enemies", "Friends")[: 1 if viewpoint.team is None else 2]}
     for other in sorted(others, key=lambda other: viewpoint.distance(other.x, other.y)):
         heading = "Friends" if viewpoint.team is not None and other.team == viewpoint.team else "Enemies"

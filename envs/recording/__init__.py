@@ -1,7 +1,7 @@
-"""Recordings: what determines an episode, in about one byte per agent-step, and bit-identical replays of it.
+"""Recordings: the inputs of episodes, in about one byte per agent-step, and bit-identical replays of them.
 
-Read in this order: recorder (what is stored of a tick), container (the layout of the file), reader, replay (the ticks
-repeated), digests (how a difference is found).
+Read in this order: recorder (the stored part of a tick), container (the layout of the file), reader, replay (the ticks
+repeated), digests (detection of differences).
 """
 
 import os
@@ -26,7 +26,7 @@ def record(
     plays: Callable[[], Any] | None = None,
     episodes: int | None = None,
 ) -> Recorder:
-    """Record everything that `env` does from its next reset on, which must reset all worlds.
+    """Record `env` from its next reset on, which must reset all worlds.
 
     Until the recording is closed, `set_state` is refused, as is changing numbers that do not vary, and actions are
     checked even if check_actions is False. Ends that an adapter adds (stop_when) are not recorded, and a UserWarning
@@ -38,8 +38,8 @@ def record(
         policy: A policy from `outlast.load_policy`. What it thinks before every tick is recorded, too: the
             probabilities of its actions, the value that it expects, and what it attends to. For that it is called an
             additional time, for any policy that acts. None: record no policy.
-        plays: A function that returns which agents it plays at the moment, bool (worlds, agents). None: all.
-        episodes: How many episodes of each world are counted, its first ones; 0: all that end. A replay counts the
+        plays: A function that returns whether it plays each agent at present, bool (worlds, agents). None: all.
+        episodes: Number of first episodes of each world that are counted; 0: all that end. A replay counts the
             same. None: it counts the first of each world, if each has one.
 
     Returns:
@@ -53,7 +53,7 @@ def record(
     """
     if not isinstance(env, SurvivalVectorEnv):
         raise TypeError(
-            f"record() needs what make_vec returns, not {type(env).__name__}: give env.unwrapped of a gymnasium "
+            f"record() needs an environment of make_vec, not {type(env).__name__}: give env.unwrapped of a gymnasium "
             "wrapper, or env.base_env of an adapter"
         )
     if env._stops is not None:

@@ -58,7 +58,7 @@ class Chunk:
 def encode_chunk(tag: bytes, content: bytes, ticks: int, first: int, behind: bytes = b"") -> bytes:
     """Return the bytes of a chunk. behind: more content, which is packed separately and may be left unread.
 
-    zlib only looks for matches at distance one (Z_RLE): random actions have no others, and for all else it is fastest.
+    zlib only looks for matches at distance one (Z_RLE): random actions have no others, and otherwise it is fastest.
     """
     packer = zlib.compressobj(1, strategy=zlib.Z_RLE)
     stored = packer.compress(content) + packer.flush() + (zlib.compress(behind, 1) if behind else b"")
@@ -84,7 +84,7 @@ def read_chunks(file: BinaryIO, path: str, size: int) -> Iterator[Chunk]:
 
 
 def read_stored(file: BinaryIO, path: str, chunk: Chunk) -> bytes:
-    """Return the content of a chunk as it is stored. Raises RecordingError if it is damaged."""
+    """Return the stored content of a chunk. Raises RecordingError if it is damaged."""
     file.seek(chunk.offset + HEADER_SIZE)
     stored = file.read(chunk.stored)
     if _checksum(stored) != chunk.checksum:
@@ -93,7 +93,7 @@ def read_stored(file: BinaryIO, path: str, chunk: Chunk) -> bytes:
 
 
 def read_content(file: BinaryIO, path: str, chunk: Chunk, max_bytes: int) -> tuple[bytes, bytes]:
-    """Return the content of a chunk, unpacked, and what is stored behind it, still packed; see `unpack`.
+    """Return the content of a chunk, unpacked, and the content after it, still packed; see `unpack`.
 
     Raises RecordingError if it is damaged or larger than `max_bytes`.
     """
@@ -107,7 +107,7 @@ def read_content(file: BinaryIO, path: str, chunk: Chunk, max_bytes: int) -> tup
 
 
 def unpack(stored: bytes, size: int) -> tuple[bytes, bytes]:
-    """Return `size` bytes of content, and what is stored behind it. ValueError if there are more or fewer bytes."""
+    """Return `size` bytes of content, and the content after it. ValueError if there are more or fewer bytes."""
     packer = zlib.decompressobj()
     try:
         content = packer.decompress(stored, size + 1)
@@ -119,10 +119,10 @@ def unpack(stored: bytes, size: int) -> tuple[bytes, bytes]:
 
 
 def damaged(path: str, offset: int) -> RecordingError:
-    """Return the error for a chunk whose bytes are not those that were written."""
+    """Return the error for a chunk with other bytes than were written."""
     return RecordingError(
         f"{path} is damaged at byte {offset}: a checksum does not fit. Everything before that byte is complete: "
-        "a copy that ends there can be replayed, if there are ticks before it"
+        "a copy that ends there can be replayed, if it has ticks"
     )
 
 

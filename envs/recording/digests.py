@@ -14,7 +14,7 @@ from outlast.ecs import Component, Signal, Worlds
 
 from ..core.validation import Array
 
-WORLDS_PER_DIGEST = 64  # at most; the worlds of larger batches take turns
+WORLDS_PER_DIGEST = 64  # maximum; the worlds of larger batches take turns
 SIGN_WORLDS = 8  # worlds whose upper halves of words a digest also sums, in turn
 SHIFT = np.uint32(15)
 

@@ -1,6 +1,6 @@
-"""Records of policies: the probabilities of actions, the estimate of the value, and what was attended to.
+"""Records of policies: the probabilities of actions, the estimate of the value, and the attention.
 
-There is a row, of the dtype `policy_dtype`, for each agent and tick. It is about what the agent saw before the tick:
+There is a row, of the dtype `policy_dtype`, for each agent and tick. It is about its observation before the tick:
 
 ============= ======= =============================================================================================
 value         float32 the critic's estimate, in the units that it was trained in; NaN: it has none
@@ -38,7 +38,7 @@ class PolicyRecorder:
     Args:
         env: The environment.
         policy: A policy with a method `explainer`, such as outlast.load_policy returns.
-        plays: A function that returns which agents it plays, bool (worlds, agents); None: all.
+        plays: A function that returns whether it plays each agent, bool (worlds, agents); None: all.
 
     Raises:
         RecordingError: The policy does not report its probabilities.
@@ -58,7 +58,7 @@ class PolicyRecorder:
         self.dtype = policy_dtype([["", 0, int(size)] for size in env.action_sizes], self.header)
 
     def look(self, steps: Array) -> Array:
-        """Return what it thinks now: dtype (worlds, agents), of the worlds `steps`, bool (worlds,)."""
+        """Return the record of its present choices: dtype (worlds, agents), of the worlds `steps`, bool (worlds,)."""
         found = np.zeros((self._env.num_worlds, self._env.num_agents), self.dtype)
         if steps.any():
             tell(self._explain, self._begins.look())

@@ -26,7 +26,7 @@ from .tick_records import MAX_JOINT_ACTIONS, TickFormat, TickRecord, decode_tick
 
 MAX_COUNT = 2**31  # worlds or agents
 MAX_HEADER = 2**20  # bytes of the header's JSON
-# bytes of worlds that any file may ask for, and more for each of its bytes
+# bytes of worlds that any file may request, and more for each of its bytes
 MAX_WORLDS_BYTES, MORE_FOR_EACH_BYTE = 2**30, 10_000
 
 
@@ -38,7 +38,7 @@ class Recording:
         scenario: The scenario that was played.
         num_worlds, num_agents, first_world: As in SurvivalVectorEnv; `num_agents` is per world.
         entities: If a policy was recorded, what it attended to: (key of the observation, rows) for each kind.
-        cut: Empty, or a sentence saying that the end of the file is missing, as its writer was killed or still runs.
+        cut: Empty, or a sentence about the missing end of the file, because its writer was killed or still runs.
     """
 
     def __init__(self, path: str, header: dict[str, Any], scenario: Scenario, chunks: list[Chunk], size: int) -> None:
@@ -111,7 +111,7 @@ class Recording:
         return self._length
 
     def tick_records(self) -> Generator[TickRecord, None, None]:
-        """Iterate over what was recorded of each tick, reading a chunk at a time. The first tick resets all worlds.
+        """Iterate over the records of ticks, reading a chunk at a time. The first tick resets all worlds.
 
         Yields:
             Modes, joint actions, keys of random numbers and a digest. Resets are ticks, too.
@@ -124,7 +124,7 @@ class Recording:
                 yield from self._decoded(file, chunk)
 
     def _check_size(self, most: float) -> None:
-        """Refuse worlds of more than `most` bytes: a small file could ask for an absurd amount."""
+        """Refuse worlds of more than `most` bytes: a small file could request an absurd amount."""
         try:
             agents, each = planned(self.scenario)
         except (ScenarioError, EngineError, KeyError) as error:
@@ -153,17 +153,17 @@ class Recording:
 
 
 def _check_order(path: str, chunks: list[Chunk]) -> None:
-    """Check that every chunk goes on where the one before it ended."""
+    """Check that every chunk continues where the previous one ended."""
     ticks = 0
     for k, chunk in enumerate(chunks):
         allowed = (HEAD,) if k == 0 else (RECORDS, DONE)
         if chunk.tag not in allowed or chunk.first != ticks or (chunk.ticks > 0) != (chunk.tag == RECORDS):
-            raise RecordingError(f"{path}: the chunk at byte {chunk.offset} does not follow the one before it")
+            raise RecordingError(f"{path}: the chunk at byte {chunk.offset} does not follow the previous one")
         ticks += chunk.ticks
 
 
 def _read_header(file: BinaryIO, path: str, chunk: Chunk) -> dict[str, Any]:
-    """Return the header, in which everything is of the right kind. Raises RecordingError otherwise."""
+    """Return the header, in which all values have valid types. Raises RecordingError otherwise."""
     content, _ = read_content(file, path, chunk, MAX_HEADER)
     try:
         header = json.loads(content)
@@ -178,7 +178,7 @@ def _read_header(file: BinaryIO, path: str, chunk: Chunk) -> dict[str, Any]:
 def _is_valid(header: Any) -> bool:
     digests, actions = header["digests"], header["actions"]
     numbers = [header["worlds"], header["agents"], header["first_world"], digests["worlds"], digests["repeat"]]
-    numbers += [header["given"], header.get("episodes", 0)]  # the latter is not known of every recording
+    numbers += [header["given"], header.get("episodes", 0)]  # the latter is missing in some recordings
     names = [header["outlast"], header["machine"], *header["modules"], *digests["components"]]
     columns = all(is_word(key) and type(low) is type(size) is int and size >= 1 for key, low, size in actions)
     return bool(
@@ -201,7 +201,7 @@ def _is_valid(header: Any) -> bool:
 
 
 def _scenario(path: str, header: dict[str, Any], given: Scenario | str | None) -> Scenario:
-    """Return the scenario of the file, or the given one if it is the same. Raises RecordingError if it is not."""
+    """Return the scenario of the file, or the given one if it is the same. Raises RecordingError otherwise."""
     if not isinstance(given, Scenario):
         try:
             if given is not None:

@@ -1,4 +1,4 @@
-"""Recording: what determines each tick is written to a file, with a digest of the state after the tick."""
+"""Recording: the inputs of each tick are written to a file, with a digest of the state after the tick."""
 
 import contextlib
 import json
@@ -29,8 +29,8 @@ from .digests import WORLDS_PER_DIGEST, Digests
 from .policy_record import PolicyRecorder
 from .tick_records import JointActions, TickFormat, TickRecord, encode_policies, encode_ticks
 
-MAX_PENDING_BYTES = 2**19  # of tick records that wait to be written; a killed process loses them
-MAX_PENDING_SECONDS = 5.0  # after which waiting tick records are written with the next tick
+MAX_PENDING_BYTES = 2**19  # of waiting tick records; a killed process loses them
+MAX_PENDING_SECONDS = 5.0  # maximum wait of tick records, which are then written with the next tick
 FLAGS = os.O_WRONLY | getattr(os, "O_BINARY", 0)
 
 
@@ -70,11 +70,9 @@ class Recorder:
         # closes the file even if the process ends without close()
         self._finalizer = weakref.finalize(self, self._file.close)
         self._owner = os.getpid()
-        self._continuous = False  # whether the worlds are where the last recorded tick left them
+        self._continuous = False  # whether the worlds are in the state after the last recorded tick
         self._no_keys = np.zeros((0, form.key_size), np.uint64)
-        self._keyed = np.zeros(
-            (worlds.count, form.key_size - 1), np.uint64
-        )  # the numbers that key each world, as far as they are recorded
+        self._keyed = np.zeros((worlds.count, form.key_size - 1), np.uint64)  # the recorded keys of each world
 
     @property
     def recording(self) -> bool:
@@ -83,7 +81,7 @@ class Recorder:
 
     @property
     def ticks(self) -> int:
-        """Return how many ticks have been recorded, including those that are not in the file yet."""
+        """Return the number of recorded ticks, including those that are not in the file yet."""
         return self._file.ticks
 
     def __repr__(self) -> str:
@@ -103,24 +101,24 @@ class Recorder:
             raise RecordingError(f"{self.path} is recorded by another process; close() the recorder in this one")
         if not self._continuous and (mode != RESET).any():
             why = "a tick was interrupted" if self.ticks else "a recording begins with that"
-            raise RecordingError(f"{self.path}: reset all worlds before anything else, as {why}")
+            raise RecordingError(f"{self.path}: reset all worlds first, as {why}")
 
     def before(self, mode: Array) -> None:
-        """Take down what determines the tick."""
+        """Record the inputs of the tick."""
         steps, keys = mode == STEP, self._no_keys
-        # given numbers may change between any two ticks
+        # given numbers may change between two ticks
         if steps.all() and Given not in self._worlds:
             codes = self._joint_actions.encode(self._worlds.actions)
         else:
             codes, keys = self._joint_actions.encode(self._worlds.actions[:, steps]), self._new_keys()
-        thought = self._policy.look(steps) if self._policy else None  # about what agents see before the tick
+        thought = self._policy.look(steps) if self._policy else None  # about the observations before the tick
         self._continuous, self._begun = False, (codes, keys, thought)
 
     def after(self, mode: Array) -> None:
         """Record the tick. Raises RecordingError if the file cannot be written, which ends the recording."""
         codes, keys, thought = self._begun
         if (begun := mode == RESET).any():
-            self._keyed[begun] = self._keys()[begun]  # a replay works these out from the keys before
+            self._keyed[begun] = self._keys()[begun]  # a replay computes these from the previous keys
         digest = self._digests.compute(self.ticks)
         try:
             self._file.append(TickRecord(mode.copy(), codes, keys, digest, thought))
@@ -130,11 +128,11 @@ class Recorder:
             written = self._file.written
             kept = f", and the {written} ticks that are in the file can be replayed" if written else ""
             wrong = f"{self.path}: {error.strerror}; the recording ends here{kept}"
-            raise RecordingError(f"{wrong}. The environment goes on without it") from error
+            raise RecordingError(f"{wrong}. The environment continues without it") from error
         self._continuous = True
 
     def close(self) -> None:
-        """Write what remains, including a step that was sent, and mark the end. Raises RecordingError if it cannot."""
+        """Write the remaining ticks, including a step that was sent, and mark the end. Raises RecordingError."""
         self._wait()
         try:
             self._finalizer()
@@ -142,13 +140,13 @@ class Recorder:
             raise RecordingError(f"{self.path}: {error.strerror}; its end is missing") from error
 
     def _keys(self) -> Array:
-        """Return what keys the random numbers of each world: rows of TickRecord.keys without the world's number."""
+        """Return the keys of the random numbers of each world: rows of TickRecord.keys without the world's number."""
         clock = self._worlds[Clock]
         given = [self._worlds[Given].words] if Given in self._worlds else []
         return np.concatenate([clock.seed, clock.world, clock.episode, *given], 1)
 
     def _new_keys(self) -> Array:
-        """Return what keys the worlds whose keys do not follow from the recording so far, and note it as recorded."""
+        """Return the keys that do not follow from the recording so far, and mark them as recorded."""
         now = self._keys()
         rows = np.flatnonzero((now != self._keyed).any(1) | (not self._continuous))
         self._keyed[rows] = now[rows]
@@ -158,8 +156,8 @@ class Recorder:
 class _Appender:
     """A file to which chunks of tick records are appended. Chunks that were written are never touched again.
 
-    Its state is replaced in one piece once a chunk is in the file. So Ctrl-C, at any time, neither loses ticks
-    nor writes them twice: a chunk that was only begun is written again from its beginning.
+    Its state is replaced at once when a chunk is in the file. So Ctrl-C, at any time, neither loses ticks
+    nor writes them twice: an incomplete chunk is written again from its beginning.
 
     It is a temporary file until the first tick is in it, which is written at once: so no file without ticks is in the
     way of the next command, even if this process is refused something else, or is killed.
@@ -168,7 +166,7 @@ class _Appender:
     def __init__(self, path: Path, header: dict[str, Any], form: TickFormat) -> None:
         self._form, self._owner, self._since = form, os.getpid(), -math.inf
         target = Path(os.path.realpath(check_file(path, "recordings", RecordingError, new=True)))
-        self._target: Path | None = target  # where the file goes; None: it is there
+        self._target: Path | None = target  # where the file goes; None: it exists
         self._place = temporary_path(target)
         # offset of the end, ticks in the file, tick records that wait
         self._state: tuple[int, int, list[TickRecord]] = (0, 0, [])
@@ -184,7 +182,7 @@ class _Appender:
 
     @property
     def written(self) -> int:
-        """Ticks in the file, if it is there."""
+        """Ticks in the file, if it exists."""
         return self._state[1] if self._target is None else 0
 
     @property
@@ -200,7 +198,7 @@ class _Appender:
             self._flush()
 
     def close(self) -> None:
-        """Write what waits and DONE, and close the file. Raises OSError, after closing, if it cannot be written."""
+        """Write waiting ticks and DONE, and close the file. Raises OSError, after closing, if it cannot be written."""
         if os.getpid() != self._owner:
             os.close(self._descriptor)
             return
@@ -246,7 +244,7 @@ class _Appender:
 
 
 def _header(scenario: Scenario, form: TickFormat, joint_actions: JointActions, digests: Digests) -> dict[str, Any]:
-    import outlast  # imported here, as it imports this package itself
+    import outlast  # imported here, since it imports this package
 
     return {
         "outlast": outlast.__version__,

@@ -24,17 +24,17 @@ from .tick_records import KEY_SIZE, JointActions, TickRecord
 
 
 class Replay:
-    """The worlds of a recording, taken through the recorded ticks.
+    """The worlds of a recording, in which the recorded ticks are run.
 
     Attributes:
         recording: The recording.
-        worlds: An ecs.Worlds, in the state after the tick that `ticks` yielded last; read its tables and its `mode`.
+        worlds: An ecs.Worlds, in the state after the last tick that `ticks` yielded; read its tables and its `mode`.
         summary: The summary of the episodes that have ended so far; once all of them have, it is that which the
             recorded rollout printed. Without the counts in a recording, it is of the first episode of
             each world, once each has ended one.
-        episodes: How many episodes have begun in each world so far, int64 (worlds,). A clock's `episode` may differ: it
+        episodes: Number of episodes begun in each world so far, int64 (worlds,). A clock's `episode` may differ: it
             starts again when a seed is given, and a level with a key sets it.
-        policy: What the recorded policy thought before that tick, policy_record.policy_dtype (worlds, agents), NaN in
+        policy: The record of the policy before that tick, policy_record.policy_dtype (worlds, agents), NaN in
             worlds that took no step; None if no policy was recorded.
 
     Args:
@@ -42,13 +42,13 @@ class Replay:
         threads: Number of threads among which the worlds are divided.
 
     Raises:
-        RecordingError: The worlds cannot be made, or have other actions or components here than when recorded.
+        RecordingError: The worlds cannot be made, or their actions or components differ from those recorded.
     """
 
     def __init__(self, recording: Recording | str | os.PathLike[str], threads: int = 1) -> None:
         recording = recording if isinstance(recording, Recording) else Recording.open(recording)
         check_count("threads", threads, 1)
-        self._going: object = None  # marks the newest iterator of `ticks`: older ones may not go on
+        self._going: object = None  # marks the newest iterator of `ticks`: older ones must not continue
         self.recording, scenario = recording, recording.scenario
         self._known: int | None = recording.header.get("episodes")
         self._all = self._first = Summary()
@@ -102,7 +102,7 @@ class Replay:
         Raises:
             RecordingError: Ticks or rows do not exist; or, while iterating, the file is damaged, or another
                 iterator has started.
-            ReplayError: While iterating: the state after a tick is not what it was.
+            ReplayError: While iterating: the state after a tick differs from the recording.
         """
         if first or last is not None:
             last_tick(self.recording, first, last)
@@ -134,7 +134,7 @@ class Replay:
         return with_episodes(self.worlds.events(), self.episodes)
 
     def close(self) -> None:
-        """Release the threads. The tables stay readable."""
+        """Release the threads. The tables remain readable."""
         self.worlds.close()
 
     def _run(self, record: TickRecord) -> None:

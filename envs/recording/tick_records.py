@@ -1,4 +1,4 @@
-"""Tick records as bytes: what each world did in a tick, the joint actions of those that took a step, and a digest."""
+"""Tick records as bytes: the mode of each world in a tick, the joint actions of stepped ones, and a digest."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -32,7 +32,7 @@ class TickFormat:
 
     @property
     def key_size(self) -> int:
-        """Return how many numbers a row of TickRecord.keys has."""
+        """Return the number of columns of TickRecord.keys."""
         return KEY_SIZE + self.given
 
     @property
@@ -42,7 +42,7 @@ class TickFormat:
 
     @property
     def max_bytes(self) -> int:
-        """Return how many bytes a tick record takes at most."""
+        """Return the maximum bytes of a tick record."""
         each = self.code.itemsize + (self.policy.itemsize if self.policy else 0)
         return self.worlds * (1 + self.agents * each + 8 * self.key_size) + 2 * self.digest_size + 4
 
@@ -52,10 +52,10 @@ class TickRecord:
     """Inputs of one tick of all worlds.
 
     mode: int8 (worlds,), SKIP, STEP or RESET. codes: joint actions (worlds that took a STEP, agents).
-    keys: uint64 (n, 4 + given), worlds that got new keys or other numbers right before the tick, as (row, seed, world,
+    keys: uint64 (n, 4 + given), worlds with new keys or other numbers right before the tick, as (row, seed, world,
         episode, words of numbers); see ecs.Clock and ecs.memory.numbers.Given.
     digest: uint16 (digest_size,), digest of the state after the tick; see digests.
-    policy: TickFormat.policy (worlds that took a STEP, agents), what the policy thought; None: not recorded.
+    policy: TickFormat.policy (worlds that took a STEP, agents), the record of the policy; None: not recorded.
     """
 
     mode: Array
@@ -66,20 +66,20 @@ class TickRecord:
 
     @property
     def nbytes(self) -> int:
-        """Return how many bytes it takes before it is packed."""
+        """Return its bytes before packing."""
         thought = 0 if self.policy is None else self.policy.nbytes
         return self.mode.nbytes + self.codes.nbytes + self.keys.nbytes + self.digest.nbytes + 4 + thought
 
 
 def encode_policies(records: Sequence[TickRecord]) -> bytes:
-    """Return the bytes of what the policy thought in these ticks."""
+    """Return the bytes of the records of the policy in these ticks."""
     return b"".join(record.policy.tobytes() for record in records if record.policy is not None)
 
 
 def encode_ticks(records: Sequence[TickRecord], form: TickFormat) -> bytes:
     """Return the bytes of `records` without `policy`; `decode_ticks` reads them."""
     digests = np.array([record.digest for record in records], "<u2").reshape(len(records), form.digest_size)
-    changes = digests.copy()  # as differences, components that never change become zeros
+    changes = digests.copy()  # in differences, components that never change are zeros
     changes[form.digest_period :] -= digests[: -form.digest_period]
     parts = [record.mode for record in records]
     parts.append(np.array([len(record.keys) for record in records], "<u4"))

@@ -1,7 +1,7 @@
 """The state of worlds as plain arrays: snapshots that are restored, copied to other worlds, or saved in a file.
 
-A State holds everything that determines how its worlds go on: their blocks of tables, the buffers of actions,
-observations and signals, whether they run, and the events of their last tick. Worlds that go on from it are
+A State holds everything that determines the future of its worlds: their blocks of tables, the buffers of actions,
+observations and signals, whether they run, and the events of their last tick. Worlds that continue from it are
 bit-identical to worlds that never stopped.
 """
 
@@ -52,7 +52,7 @@ class State:
         return f"State({self.scenario['name']!r}, num_worlds={len(self)})"
 
     def __eq__(self, other: object) -> bool:
-        """Return whether the other is the same state of the same scenario, bit for bit."""
+        """Return whether the other is the same state of the same scenario, bit by bit."""
         if not isinstance(other, State):
             return NotImplemented
         return (self.scenario, _checksum(self.arrays)) == (other.scenario, _checksum(other.arrays))
@@ -82,7 +82,7 @@ class State:
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "State":
-        """Read what `save` wrote. Values are checked when it is restored, as their ranges depend on the scenario.
+        """Read a file of `save`. Values are checked when it is restored, as their ranges depend on the scenario.
 
         Args:
             path: The file.
@@ -101,7 +101,7 @@ class State:
 
 
 def read(file: BinaryIO, name: str) -> State:
-    """Read the state in a file; errors call the file by `name`. Raises StateError."""
+    """Read the state in a file; errors contain `name`. Raises StateError."""
     try:
         arrays = {key.removesuffix(".npy"): safe_npz.array(content) for key, content in safe_npz.entries(file).items()}
         header = json.loads(arrays.pop(HEADER).tobytes())
@@ -122,7 +122,7 @@ def read(file: BinaryIO, name: str) -> State:
 
 
 def snapshot(scenario: Scenario, worlds: Worlds, masks: dict[str, Array], where: Any) -> State:
-    """Return the state of the worlds `where` (mask, indices or slice). masks: what worlds have besides their tables."""
+    """Return the state of the worlds `where` (mask, indices or slice). masks: State of worlds besides their tables."""
     rows = _rows(worlds, where)
     arrays = {name: array[rows] for name, array in _arrays(worlds, masks).items()}
     counts, lists = (arrays[name] for name in _events(worlds))
@@ -131,7 +131,7 @@ def snapshot(scenario: Scenario, worlds: Worlds, masks: dict[str, Array], where:
 
 
 def restore(state: State, scenario: Scenario, worlds: Worlds, masks: dict[str, Array], where: Any) -> None:
-    """Make the worlds `where` go on from `state`, which has one world for each of them, or one for all.
+    """Restore the worlds `where` from `state`, which has one world for each of them, or one for all.
 
     Raises StateError, before anything is written, if it is of another scenario or not valid (see validation).
     """

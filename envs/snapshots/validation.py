@@ -93,7 +93,7 @@ class Span:
     last: int
 
     def values(self, block: Array) -> Array:
-        """Return what the column holds in blocks of worlds, uint8 (worlds, bytes): (worlds, rows, ...)."""
+        """Return the values of the column in blocks of worlds, uint8 (worlds, bytes): (worlds, rows, ...)."""
         inner = np.empty(self.place.shape, self.dtype).strides
         shape = (len(block), *self.place.shape)
         column: Array = np.ndarray(shape, self.dtype, block, self.place.offset, (block.strides[0], *inner))
@@ -102,7 +102,7 @@ class Span:
 
 @functools.lru_cache(maxsize=16)
 def _spans(layout: MemoryLayout) -> tuple[Span, ...]:
-    """Return what to check in worlds of that layout; cached, as a search restores single worlds very often."""
+    """Return the columns to check in worlds of that layout; cached, as a search restores single worlds very often."""
     found = []
     for place in layout.places:
         if place.offset >= 0 and (ends := place.component.columns[place.name].range(layout.dims)):
@@ -115,7 +115,7 @@ def _spans(layout: MemoryLayout) -> tuple[Span, ...]:
 
 
 def _rows(layout: MemoryLayout, component: type[Component]) -> slice | Array:
-    """Return the rows of entities that have the component: if they are adjacent a slice, as that copies nothing."""
+    """Return the rows of entities that have the component: if they are adjacent a slice, which avoids a copy."""
     if issubclass(component, Singleton):
         return slice(None)
     rows = layout.rows(component)
@@ -138,7 +138,7 @@ def _check_sight(layout: MemoryLayout, block: Array) -> None:
     if Sight in layout.components:
         visible = layout.columns(block, Sight).visible
         if (bad := visible & ~layout.bitset(Entity) != 0).any():
-            raise _refusal("Sight.visible", slice(None), visible, bad, "a set of rows that there are is needed")
+            raise _refusal("Sight.visible", slice(None), visible, bad, "a set of existing rows is needed")
 
 
 def _check_absent(layout: MemoryLayout, block: Array, started: Array) -> None:

@@ -1,4 +1,4 @@
-"""Files that are complete or not there: they are written beside their target, which they replace when they are done.
+"""Files that are complete or absent: they are written beside their target and replace it at the end.
 
 A process that is killed leaves its temporary file, `.NAME-XXXXXXXX.tmp` with eight hexadecimal digits: nothing reads
 it, and it can be deleted.
@@ -15,9 +15,9 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-LONGEST = 200  # bytes of the target's name in that of a temporary file: most file systems have room for 255 in all
+LONGEST = 200  # bytes of the target's name in that of a temporary file: most file systems allow 255 in all
 SHARED = (5, 32)  # errors of Windows: another process has the file open
-PATIENCE = 5.0  # seconds in which it may close it
+PATIENCE = 5.0  # seconds to wait until it closes the file
 TEMPORARY = re.compile(r"\.(.+)-[0-9a-f]{8}\.tmp")
 
 
@@ -30,18 +30,18 @@ def temporary_path(target: Path) -> Path:
 
 
 def is_temporary(path: Path) -> bool:
-    """Return whether it is a temporary file: one that a process is writing, or that a killed process left."""
+    """Return whether it is a temporary file: one that a process is writing, or that a killed process has left."""
     return TEMPORARY.fullmatch(path.name) is not None
 
 
 def target_name(path: Path) -> str:
-    """Return the name of the file whose place a temporary file takes when it is complete; "" for any other file."""
+    """Return the name of the file that a temporary file replaces when it is complete; "" for any other file."""
     found = TEMPORARY.fullmatch(path.name)
     return found[1] if found else ""
 
 
 def remove(path: Path) -> None:
-    """Delete a file or a folder, if it is there."""
+    """Delete a file or a folder, if it exists."""
     if path.is_dir():
         shutil.rmtree(path, ignore_errors=True)
     else:
@@ -50,9 +50,9 @@ def remove(path: Path) -> None:
 
 
 def replace(path: Path, target: Path) -> None:
-    """Move a file or folder to the target, which it replaces.
+    """Move a file or folder to the target and replace that.
 
-    Windows refuses that while another process has the target open, as `outlast watch` has a checkpoint that it reads.
+    Windows refuses this while another process has the target open, as `outlast watch` has the checkpoint that it reads.
 
     Raises:
         OSError: It cannot be moved; on Windows, after PATIENCE seconds.
@@ -66,7 +66,7 @@ def replace(path: Path, target: Path) -> None:
 
 
 def _patiently(act: Callable[[], None]) -> None:
-    """Act on a file, again and again for a while if another process of Windows has it open."""
+    """Act on a file; on Windows, retry for a while if another process has it open."""
     end = time.monotonic() + PATIENCE
     while True:
         try:
@@ -83,9 +83,9 @@ def _is_open_elsewhere(error: PermissionError) -> bool:
 
 @contextlib.contextmanager
 def atomic_write(target: Path, *, new: bool = False) -> Iterator[Path]:
-    """Yield a path beside the target, for a file or folder that takes the target's place if all goes well.
+    """Yield a path beside the target, for a file or folder that replaces the target if all goes well.
 
-    Otherwise it is removed. If the target is a link, what it leads to is replaced. If the target is neither a file nor
+    Otherwise it is removed. If the target is a link, its target is replaced. If the target is neither a file nor
     a folder, such as a device, it is written to directly.
 
     Args:
@@ -93,7 +93,7 @@ def atomic_write(target: Path, *, new: bool = False) -> Iterator[Path]:
         new: Whether the target was not there before; if another process has written it, it is not replaced.
 
     Raises:
-        FileExistsError: Another process has written a `new` target. What was written here is kept as NAME-2;
+        FileExistsError: Another process has written a `new` target. The new content is kept as NAME-2;
             the message has that name.
     """
     if target.exists() and not target.is_file() and not target.is_dir():
@@ -117,9 +117,9 @@ def atomic_write(target: Path, *, new: bool = False) -> Iterator[Path]:
 
 
 def add(path: Path, target: Path) -> None:
-    """Give a file or folder a name. Raises OSError, FileExistsError if there is something of that name."""
+    """Give a file or folder a name. Raises OSError; FileExistsError if the name is taken."""
     try:
-        os.link(path, target)  # unlike renaming, this replaces nothing
+        os.link(path, target)  # unlike renaming, this never replaces a file
     except FileExistsError:
         raise
     except OSError:  # a folder, or a file system without hard links
@@ -131,7 +131,7 @@ def add(path: Path, target: Path) -> None:
 
 
 def _keep(path: Path, target: Path) -> None:
-    """Move a file to the target, or if that exists by now, to the target's name with a number."""
+    """Move a file to the target, or if that exists, to the target's name with a number."""
     for number in itertools.count(1):
         place = target if number == 1 else target.with_stem(f"{target.stem}-{number}")
         try:

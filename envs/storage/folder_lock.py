@@ -12,16 +12,16 @@ from outlast.ecs.kernels.file_lock import try_lock, unlock
 
 from .atomic_write import is_temporary, remove, target_name
 
-LOCK, OWNER = ".lock", ".owner"  # names of files: the one that is locked; without locks, the one that names a process
-OLD = 86_400.0  # seconds after which no process is still writing a temporary file
+LOCK, OWNER = ".lock", ".owner"  # names of files: the locked one; without locks, the one that names a process
+OLD = 86_400.0  # seconds after which a temporary file is no longer being written
 
 
 class FolderLock:
-    """A lock that keeps other processes out of a folder until `release`, or until this process ends, however it does.
+    """A lock that keeps other processes out of a folder until `release`, or until this process ends for any reason.
 
-    It locks a file in the folder, which it opens for writing, as NFS demands. On file systems that have no locks, a
-    file that names the process keeps others out; if the process is killed, the file stays, which counts no more on the
-    same machine and is to be deleted on others.
+    It locks a file in the folder, which it opens for writing, as NFS requires. On file systems without locks, a
+    file that names the process keeps others out; if the process is killed, the file stays; it is then ignored on the
+    same machine, and must be deleted on others.
     """
 
     def __init__(self, folder: Path, does: str = "writes into it", writes: Sequence[str] = ()) -> None:
@@ -29,21 +29,21 @@ class FolderLock:
 
         Args:
             folder: The folder.
-            does: What the holder of the lock does, for the message of `acquire`.
+            does: Activity of the holder of the lock, for the message of `acquire`.
             writes: Patterns of the names of the files that only the holder of the lock writes.
         """
         self.folder, self.does, self.writes = folder, does, writes
         self._handle, self._file, self._owner = -1, folder / LOCK, 0
 
     def acquire(self) -> None:
-        """Make the folder, unless it exists, lock it, and remove temporary files that a killed process left.
+        """Create the folder if it is missing, lock it, and remove temporary files of killed processes.
 
-        Files that another process may be writing stay: those that `writes` does not name, and without locks all of
+        Files that another process may be writing are kept: those that `writes` does not match, and without locks all of
         them, unless they are old.
 
         Raises:
             BlockingIOError: Another process, or another FolderLock of this process, has locked it.
-            OSError: It cannot be made, or nothing can be written into it.
+            OSError: It cannot be created, or is not writable.
         """
         self.folder.mkdir(parents=True, exist_ok=True)
         if not self._lock():
@@ -71,7 +71,7 @@ class FolderLock:
                 raise self._taken("")
 
     def _own(self) -> None:
-        """Make the file that names this process. Raises BlockingIOError."""
+        """Create the file that names this process. Raises BlockingIOError."""
         self._file = self.folder / OWNER
         host, other = platform.node(), ""
         with contextlib.suppress(OSError, UnicodeDecodeError):
@@ -91,11 +91,11 @@ class FolderLock:
         return BlockingIOError(f"{self.folder}: another process {self.does}; {ways}{cure}")
 
     def release(self) -> None:
-        """Unlock the folder; calling this again does no harm."""
+        """Unlock the folder; may be called repeatedly."""
         handle, owner, self._handle, self._owner = self._handle, self._owner, -1, 0
         if owner == os.getpid():  # not in a fork, which has the same file open
-            if os.name != "nt":  # Windows deletes no open file
-                with contextlib.suppress(OSError):  # ahead of unlocking it: then another process may lock it
+            if os.name != "nt":  # Windows does not delete open files
+                with contextlib.suppress(OSError):  # before unlocking it: afterwards another process may lock it
                     self._file.unlink()
             if handle >= 0:
                 unlock(handle)
@@ -111,7 +111,7 @@ def is_lock(path: Path) -> bool:
 
 
 def _is_at(path: Path, handle: int) -> bool:
-    """Return whether an open file is the one at a path, and was not deleted by the last one who locked it."""
+    """Return whether an open file is the one at a path, and was not deleted by the previous holder of the lock."""
     try:
         return os.path.samestat(path.stat(), os.fstat(handle))
     except FileNotFoundError:
@@ -119,7 +119,7 @@ def _is_at(path: Path, handle: int) -> bool:
 
 
 def _is_alive(pid: str) -> bool:
-    """Return whether there may be a process of this machine with that number."""
+    """Return whether a process of this machine may have that number."""
     if not pid.isdecimal() or os.name != "posix":  # os.kill would end it on Windows
         return True
     try:
@@ -132,7 +132,7 @@ def _is_alive(pid: str) -> bool:
 
 
 def _written(path: Path) -> float:
-    """Return when something was last written to a file, or to the files of a folder; now, if it is gone."""
+    """Return the time of the last change of a file, or of the files of a folder; now, if it is gone."""
     try:
         return float(max(each.stat().st_mtime for each in (path, *(path.iterdir() if path.is_dir() else ()))))
     except OSError:

@@ -9,7 +9,7 @@ import time
 from collections.abc import Iterable, Iterator
 from typing import Any
 
-A_MOMENT = 1.0  # seconds within which two Ctrl-C count as one: a nervous hand, or a cluster, sends several
+A_MOMENT = 1.0  # a second Ctrl-C within these seconds is ignored: clusters and users send several
 
 
 @contextlib.contextmanager
@@ -31,13 +31,13 @@ def interrupts_held() -> Iterator[None]:
 
 @contextlib.contextmanager
 def one_interrupt(seconds: float = math.inf) -> Iterator[list[float]]:
-    """Let only one Ctrl-C interrupt, so that a second one cannot interrupt the cleaning up after the first.
+    """Allow only one Ctrl-C, so that a second one cannot interrupt the clean-up after the first.
 
     A second one is usual on clusters, which signal a command and its processes, while the command signals these, too.
     Nothing changes outside of the main thread, where Ctrl-C is ignored, or if the caller's own handler raises nothing.
 
     Args:
-        seconds: How long further ones do nothing after one that has interrupted.
+        seconds: Time after an interrupt in which further ones are ignored.
 
     Yields:
         That number in a list, in which it can be changed.
@@ -66,7 +66,7 @@ def one_interrupt(seconds: float = math.inf) -> Iterator[list[float]]:
 
 @contextlib.contextmanager
 def left_whole() -> Iterator[contextlib.ExitStack]:
-    """Let all contexts of a stack be left completely: a Ctrl-C during that waits, and a second one is dropped.
+    """Leave all contexts of a stack completely: a Ctrl-C during that waits, and a second one is dropped.
 
     Yields:
         The stack, whose contexts are left at the end.
@@ -81,19 +81,19 @@ def left_whole() -> Iterator[contextlib.ExitStack]:
 
 @contextlib.contextmanager
 def stops_as_ctrl_c() -> Iterator[list[int]]:
-    """Treat SIGTERM and SIGHUP as Ctrl-C: schedulers of clusters, and terminals that are closed, send them to stop.
+    """Treat SIGTERM and SIGHUP as Ctrl-C: schedulers of clusters, and closed terminals, send them to stop a process.
 
     Nothing changes outside of the main thread, or for a signal that the caller handles or ignores, as nohup does.
 
     Yields:
-        The signals that have come so far.
+        The signals received so far.
     """
     came: list[int] = []
     free = [number for number in _numbers("SIGTERM", "SIGHUP") if signal.getsignal(number) is signal.SIG_DFL]
     owner = os.getpid()
 
     def pass_on(number: int, frame: object) -> None:
-        if os.getpid() != owner:  # in a forked process, it ends it as usual: it has nothing to save
+        if os.getpid() != owner:  # in a forked process, the signal ends it as usual: it has nothing to save
             signal.signal(number, signal.SIG_DFL)
             signal.raise_signal(number)
         came.append(number)
@@ -107,12 +107,12 @@ def stops_as_ctrl_c() -> Iterator[list[int]]:
 
 @contextlib.contextmanager
 def save_requests() -> Iterator[list[int]]:
-    """Collect SIGUSR1, which asks for a checkpoint and which would otherwise end the process.
+    """Collect SIGUSR1, which requests a checkpoint and otherwise ends the process.
 
     Nothing changes outside of the main thread, if the caller has a handler of its own, or without SIGUSR1.
 
     Yields:
-        The signals that have come so far, and not in a context inside this one.
+        The signals received so far, except in a context inside this one.
     """
     came: list[int] = []
     free = [each for each in _numbers("SIGUSR1") if isinstance(signal.getsignal(each), signal.Handlers | _Collect)]
@@ -122,7 +122,7 @@ def save_requests() -> Iterator[list[int]]:
 
 @contextlib.contextmanager
 def ignored(*names: str) -> Iterator[None]:
-    """Ignore signals in this process and, from the beginning on, in those that it starts; not in other threads."""
+    """Ignore signals in this process and in those that it starts; not in other threads."""
     with _handled(_numbers(*names), signal.SIG_IGN):
         yield
 

@@ -1,4 +1,4 @@
-"""Files of results/, which the package does not hold: found in the checkout, or fetched, and known by their checksums.
+"""Files of results/, outside of the package: found in the checkout, or fetched, and identified by their checksums.
 
 They come from the checkout that outlast runs from or in, or from where results are published, through pooch, which
 keeps them in the cache. A variable of the environment names another place.
@@ -31,7 +31,7 @@ def kept_file(file: str, sha256: str, what: str) -> Path:
         what: What it is called in errors.
 
     Raises:
-        UsageError: It cannot be had.
+        UsageError: It cannot be fetched.
     """
     folders = [str(RESULTS)] * RESULTS.is_dir() + [HERE] * Path(HERE, file).is_file()
     address = os.environ.get(ADDRESS) or (folders[0] if folders else _published(what))
@@ -69,14 +69,14 @@ def _published(what: str) -> str:
     addresses: dict[str, str] = dict(line.split(", ", 1) for line in lines)
     if LABEL not in addresses:
         cure = f"set {ADDRESS} to a folder or an address with them, such as results of a checkout"
-        raise UsageError(f"{what}: an installed outlast has no results, and knows no address of them: {cure}")
+        raise UsageError(f"{what}: an installed outlast has no results, and no address of them: {cure}")
     return addresses[LABEL]
 
 
 def _downloaded(address: str, file: str, sha256: str, what: str) -> Path:
     """Return the file in the cache, downloaded if it is not there. Raises UsageError."""
     try:
-        import pooch  # imported here, as a checkout needs none
+        import pooch  # imported here: a checkout does not need it
     except ModuleNotFoundError as error:
         raise UsageError(f"{what} is downloaded by {error.name}: {install('train')}") from error
     folder = cache_folders().writable
@@ -91,7 +91,7 @@ def _downloaded(address: str, file: str, sha256: str, what: str) -> Path:
         raise UsageError(f"{what} cannot be downloaded from {address}: {_reason(error)}; {cure}") from error
     except ValueError as error:  # of pooch, about the checksum
         cure = f"nothing was kept; set {ADDRESS} to the results of this version of outlast"
-        raise UsageError(f"{what}: what is at {address} is another file, by its checksum; {cure}") from error
+        raise UsageError(f"{what}: the file at {address} is another one, by its checksum; {cure}") from error
     return Path(found)
 
 

@@ -1,4 +1,4 @@
-"""Files from elsewhere, read up to a limit: neither a huge file nor one that never ends takes all memory."""
+"""Files from elsewhere, read up to a limit, so that huge and endless files cannot take all memory."""
 
 import io
 import lzma
@@ -36,7 +36,7 @@ def read_text(path: str | os.PathLike[str], most: int = LARGEST_TEXT) -> str:
 
 
 def read_xz(path: str | os.PathLike[str], most: int = LARGEST_TEXT) -> bytes:
-    """Return what an xz file holds.
+    """Return the content of an xz file.
 
     Raises:
         ValueError: It holds more than `most` bytes, takes more than MEMORY, or is not an xz file.
@@ -46,7 +46,7 @@ def read_xz(path: str | os.PathLike[str], most: int = LARGEST_TEXT) -> bytes:
 
 
 def unpack(content: bytes, most: int = LARGEST_TEXT) -> bytes:
-    """Return what the content of an xz file holds. Raises ValueError as `read_xz` does."""
+    """Return the unpacked content of an xz file. Raises ValueError like `read_xz`."""
     unpacking = lzma.LZMADecompressor(lzma.FORMAT_XZ, MEMORY)
     try:
         found = unpacking.decompress(content, most + 1)

@@ -1,6 +1,6 @@
-"""Places of files and folders that are going to be written: checked before any work is done for them.
+"""Paths of files and folders to write, which are checked before any work is done for them.
 
-All writers follow symbolic links: they replace what a link leads to, and the link stays.
+All writers follow symbolic links: they replace the target of a link, and the link stays.
 """
 
 import os
@@ -18,14 +18,14 @@ def check_file(
     endings: Sequence[str] = (),
     new: bool = False,
 ) -> Path:
-    """Return the path of a file or folder that can be written there. Nothing is left in its place.
+    """Return the path of a file or folder, after checking that it can be written. Leaves no file there.
 
     Args:
         path: Where it goes.
-        what: What it holds, in the plural, for messages: "events".
+        what: Its content, in the plural, for messages: "events".
         error: The class of errors.
         endings: Endings of its name that are allowed; empty: all.
-        new: Whether nothing may be there yet.
+        new: Whether it must not exist yet.
 
     Raises:
         error: It has another ending, exists although it must be `new`, is a folder, its folder does not exist, or
@@ -37,14 +37,14 @@ def check_file(
     try:
         there = target.exists()
         if there and new:
-            raise error(f"{target} exists; {what} overwrite nothing: give another name, or delete it")
+            raise error(f"{target} exists; {what} never overwrite files: give another name, or delete it")
         if target.is_dir():
             raise error(f"{target} cannot be written: it is a folder")
         real = Path(os.path.realpath(target))
         if not real.parent.is_dir():
             folder = real.parent if target.is_symlink() else target.parent
             raise error(f"{target} cannot be written: there is no folder {folder}")
-        if not there or target.is_file():  # a device is written to as it is
+        if not there or target.is_file():  # a device is written to directly
             _probe(real)
     except OSError as reason:
         raise error(f"{target} cannot be written: {reason.strerror or reason}") from reason
@@ -52,10 +52,10 @@ def check_file(
 
 
 def check_folder(path: str | os.PathLike[str], error: type[Exception]) -> Path:
-    """Return the path of a folder, if files can be written into it, or if it can be made with all around it.
+    """Return the path of a folder, after checking that it is writable, or can be created with its parents.
 
     Raises:
-        error: It is a file, or nothing can be written there.
+        error: It is a file, or is not writable.
     """
     target = Path(path)
     try:
@@ -69,7 +69,7 @@ def check_folder(path: str | os.PathLike[str], error: type[Exception]) -> Path:
 
 
 def _probe(target: Path) -> None:
-    """Make an empty temporary file beside the target, and delete it. Raises OSError."""
+    """Create an empty temporary file beside the target, and delete it. Raises OSError."""
     place = temporary_path(target)
     os.close(os.open(place, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600))
     place.unlink()

@@ -22,13 +22,13 @@ NUMBERS = re.compile(rb"{'descr': '([<>|][biuf][1248])', 'fortran_order': False,
 
 
 def entries(file: BinaryIO, only: Collection[str] = (), most: float = math.inf) -> dict[str, bytes]:
-    """Return the entries of a zip file by name; `only` these, if some are named.
+    """Return the entries of a zip file by name; with `only`, just these.
 
     Raises one of BROKEN if the file has more than `most` bytes, or if entries are compressed, or together larger than
     the file. So reading never takes more memory than the file has bytes.
     """
     size = file.seek(0, io.SEEK_END)
-    if not size:  # a device, which may never end, has no size either
+    if not size:  # endless devices have no size
         raise ValueError("it is empty")
     if size > most:
         raise ValueError(f"it has more than {most:,} bytes")

@@ -1,4 +1,4 @@
-"""JSON files that people write: what would be read in another way than it was meant is refused."""
+"""JSON files written by people: input that would be misread raises an error."""
 
 import json
 from collections.abc import Collection
@@ -32,7 +32,7 @@ def check_version(given: Any, version: int) -> None:
 
 
 def check_keys(given: Any, needed: Collection[str], optional: Collection[str] = ()) -> None:
-    """Raise ScenarioError unless `given` is an object with all needed keys, and no others but the optional ones."""
+    """Raise ScenarioError unless `given` is an object with all needed keys, and no others except optional ones."""
     known = ", ".join((*needed, *optional))
     if not isinstance(given, dict):
         raise ScenarioError(f"it has {given!r:.60} where an object with {known} is needed")

@@ -408,7 +408,7 @@ def test_nothing_is_overwritten_and_nothing_left_half_written(
     out = tmp_path / name
     out.write_text("precious")
     status, _, err = export(capsys, recorded[0], out)
-    assert (status, "overwrite nothing" in err, out.read_text()) == (2, True, "precious")
+    assert (status, "never overwrite files" in err, out.read_text()) == (2, True, "precious")
     out.unlink()
     monkeypatch.setattr(dataset, "SHARD_BYTES", 20_000)
     run, count = Replay._run, iter(range(STEPS // 2))

@@ -104,7 +104,7 @@ def test_it_begins_with_a_reset_of_all_worlds(tmp_path: Path) -> None:
     outlast.record(env, tmp_path / "a.rec")
     before, some = digest_of_episode(env.worlds), {"reset_mask": np.array([True, False, True])}
     for call in (lambda: play(env, 1), lambda: env.reset(options=some), lambda: env.reset(seed=7, options=some)):
-        with pytest.raises(RecordingError, match="reset all worlds before anything else"):
+        with pytest.raises(RecordingError, match="reset all worlds first"):
             call()
         assert env.get_state().arrays["started"].all()
     assert before == digest_of_episode(env.worlds)
@@ -118,7 +118,7 @@ def test_nothing_is_overwritten(tmp_path: Path) -> None:
     path = tmp_path / "a.rec"
     path.write_text("precious")
     env = make()
-    with pytest.raises(RecordingError, match=r"a\.rec exists; recordings overwrite nothing"):
+    with pytest.raises(RecordingError, match=r"a\.rec exists; recordings never overwrite files"):
         outlast.record(env, path)
     with pytest.raises(RecordingError, match="cannot be written: there is no folder"):
         outlast.record(env, tmp_path / "nowhere" / "a.rec")
@@ -130,7 +130,7 @@ def test_nothing_is_overwritten(tmp_path: Path) -> None:
 def test_what_is_no_environment_is_not_recorded(tmp_path: Path) -> None:
     env = outlast.adapters.make_agents("ffa_1", 1, seed=0)
     with pytest.raises(
-        TypeError, match=r"record\(\) needs what make_vec returns, not SurvivalAgentVectorEnv: give env\.un"
+        TypeError, match=r"record\(\) needs an environment of make_vec, not SurvivalAgentVectorEnv: give env\.un"
     ):
         outlast.record(env, tmp_path / "a.rec")
     assert not list(tmp_path.iterdir())

@@ -111,7 +111,7 @@ def test_chunks_that_are_missing_or_doubled_are_found(tmp_path: Path, small: byt
     )
     for parts in (*orders, [head, head, *chunks], [head, *chunks, done, b"more"]):
         (tmp_path / "a.rec").write_bytes(MAGIC + b"".join(parts))
-        with pytest.raises(RecordingError, match=r"not follow the one before it|bytes follow its end|is not a rec"):
+        with pytest.raises(RecordingError, match=r"not follow the previous one|bytes follow its end|is not a rec"):
             Recording.open(tmp_path / "a.rec")
 
 

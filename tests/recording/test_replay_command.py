@@ -42,7 +42,7 @@ def test_the_table_is_that_of_the_rollout(capsys: Any, tmp_path: Path) -> None:
     assert out[out.index(" episodes ended") - 2 :] == again[again.index(" episodes ended") - 2 :]
     assert "std. error" in again
     status, _, err = run(capsys, *ROLLOUT, "--record", tmp_path / "a.rec")
-    assert (status, "overwrite nothing" in err) == (2, True)
+    assert (status, "never overwrite files" in err) == (2, True)
 
 
 def test_a_difference_is_status_1(capsys: Any, path: Path, monkeypatch: Any) -> None:

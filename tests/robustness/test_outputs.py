@@ -188,7 +188,7 @@ def test_what_is_checked_is_left_as_it_was(tmp_path: Path) -> None:
     ):
         with pytest.raises(UsageError, match=f"cannot be written: {wrong}"):
             check_file(place, "events", UsageError)
-    with pytest.raises(UsageError, match="file exists; events overwrite nothing"):
+    with pytest.raises(UsageError, match="file exists; events never overwrite files"):
         check_file(tmp_path / "file", "events", UsageError, new=True)
     with pytest.raises(UsageError, match=r"out cannot be a folder: .*file is a file"):
         check_folder(tmp_path / "file/out", UsageError)

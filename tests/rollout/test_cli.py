@@ -432,7 +432,7 @@ def test_a_floor_plan_overwrites_nothing(capsys, tmp_path: Path, monkeypatch) ->
     status, _, err = run(capsys, "layout", "plan.json", "--variant", "ffa_1", "--out", "walls.json")
     assert (status, "plan.json has start areas, which are not written" in err) == (0, True)
     status, _, err = run(capsys, "layout", "maze", "--out", "plan.json")
-    assert (status, "plan.json exists; floor plans overwrite nothing" in err) == (2, True)
+    assert (status, "plan.json exists; floor plans never overwrite files" in err) == (2, True)
     assert Path("plan.json").read_bytes() == before
 
 

@@ -105,7 +105,7 @@ def test_a_replay_writes_the_same_file(capsys, tmp_path: Path) -> None:
 def test_what_cannot_be_is_refused(capsys, tmp_path: Path, monkeypatch) -> None:
     (tmp_path / "a.csv").write_text("mine")
     for given, words in (
-        (tmp_path / "a.csv", "exists; events overwrite nothing"),
+        (tmp_path / "a.csv", "exists; events never overwrite files"),
         (tmp_path / "a.txt", "events are written as NAME.csv or NAME.parquet"),
         (tmp_path / "none" / "a.csv", "cannot be written: there is no folder"),
     ):

@@ -183,11 +183,11 @@ def test_they_are_downloaded_once(server: Server, tmp_path: Path, name: str) -> 
 
 def test_nothing_stays_of_a_download_that_fails(server: Server, tmp_path: Path) -> None:
     """Another content, an error of the server, a connection that breaks off."""
-    another = rf"{NAME}: what is at http.* is another file, by its checksum; nothing was kept; set {ADDRESS}"
+    another = rf"{NAME}: the file at http.* is another one, by its checksum; nothing was kept; set {ADDRESS}"
     failures: list[tuple[dict[str, Any], str]] = [
         ({"content": b"another"}, another),
         ({"status": 404}, rf"{NAME} cannot be downloaded from http.*: 404 Not Found; connect .* {ADDRESS}"),
-        ({"cut": 100}, rf"{NAME} (cannot be downloaded|: what is at) .*"),
+        ({"cut": 100}, rf"{NAME} (cannot be downloaded|: the file at) .*"),
     ]
     for changes, words in failures:
         vars(server).update({"content": None, "status": 200, "cut": 0} | changes)
@@ -249,7 +249,7 @@ def test_an_installed_outlast_uses_the_address_of_its_metadata(monkeypatch, tmp_
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(kept_results, "_downloaded", lambda address, *given: asked.append(address))
     monkeypatch.setattr(kept_results, "metadata", lambda name: described("Source, https://host/outlast"))
-    with pytest.raises(UsageError, match=f"{NAME}: an installed .* knows no address of them: set {ADDRESS} to a"):
+    with pytest.raises(UsageError, match=f"{NAME}: an installed .* no address of them: set {ADDRESS} to a"):
         fetched(NAME)
     monkeypatch.setattr(kept_results, "metadata", lambda name: described("Results, https://host/raw/results"))
     fetched(NAME)

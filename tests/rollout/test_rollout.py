@@ -350,10 +350,10 @@ def test_the_summary_says_what_differs(capsys, tmp_path: Path) -> None:
     ("option", "name", "words"),
     [
         ("--csv", "a.txt", "episodes are written as NAME.csv"),
-        ("--csv", "a.csv", "episodes overwrite nothing"),
+        ("--csv", "a.csv", "episodes never overwrite files"),
         ("--csv", "none/b.csv", "there is no folder"),
         ("--json", "a.txt", "summaries are written as NAME.json"),
-        ("--json", "a.json", "summaries overwrite nothing"),
+        ("--json", "a.json", "summaries never overwrite files"),
     ],
 )
 def test_files_that_cannot_be_are_refused_before_anything_is_played(
