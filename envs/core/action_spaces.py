@@ -18,14 +18,14 @@ from .spaces import published
 from .validation import Array, as_array, check_choice, checked_actions, checked_fractions
 
 KINDS = ("multi", "joint", "continuous")
-MOST = 1 << 16  # joint actions at most, as learners have an output for each
-MASKED = 20  # actions at most, as a mask is stored for every subset of them
+MOST = 1 << 16  # maximum joint actions: learners have an output for each
+MASKED = 20  # maximum actions: a mask is stored for every subset of them
 
 
 class MaskedMultiDiscrete(spaces.MultiDiscrete):
     """A MultiDiscrete (actions,) whose `sample` also takes a mask in the environments' form, (entries,).
 
-    Gymnasium's own takes a tuple with an array for each action; environments have one array that joins those of all
+    Gymnasium's own takes a tuple with an array for each action; environments have one array for the masks of all
     actions, like the outputs of networks.
     """
 
@@ -37,7 +37,7 @@ class MaskedMultiDiscrete(spaces.MultiDiscrete):
 
 
 class ActionSpace:
-    """The actions of an agent in the form that a learner wants, and their masks.
+    """The actions of an agent in the form for a learner, and their masks.
 
     "multi": an integer for each action, as in `MultiDiscrete([3, 3, 3, 2, 2, 2])`. "joint": one integer for all of
     them, as in `Discrete(216)`: in the mixed base `sizes`, with the first action as the first digit, as in
@@ -48,9 +48,9 @@ class ActionSpace:
     Attributes:
         kind: One of KINDS.
         keys: The name of each action.
-        sizes: How many values each has, (actions,).
-        zeros: Which of them does nothing, (actions,).
-        noop: The action that does nothing, as a learner would pass it: integers (actions,), or () for kind "joint";
+        sizes: Number of values of each action, (actions,).
+        zeros: The value of each that does nothing, (actions,).
+        noop: The action that does nothing, in the learner's form: integers (actions,), or () for kind "joint";
             for kind "continuous" the middle of its parts, float32 (actions,).
         mask_size: The length of an agent's mask. Kind "multi": all values of the first action, then those of the
             second, and so on; "joint": all joint actions; "continuous": 0, as without masks.
@@ -93,7 +93,7 @@ class ActionSpace:
         return MaskedMultiDiscrete(self.sizes) if self.kind == "multi" else spaces.Discrete(self.mask_size)
 
     def batched(self, agents: int) -> spaces.Space[Any]:
-        """Return that of all agents of a world, a new object: MultiDiscrete or Box (agents, actions), or (agents,)."""
+        """Return the space of a world's agents, a new object: MultiDiscrete or Box (agents, actions), or (agents,)."""
         if self.kind == "continuous":
             return spaces.Box(-1, 1, (agents, *self.sizes.shape), np.float32)
         return spaces.MultiDiscrete(
@@ -117,9 +117,9 @@ class ActionSpace:
                 floats (*shape, actions).
             shape: The shape of the agents.
             ranges: Whether to check that each is in its range. Kind "continuous" is always checked.
-            axes: What `shape` is called in errors: "worlds, agents".
-            who: What the agent with certain indices is called in errors.
-            what: What `given` is called in errors.
+            axes: Names of the axes of `shape` in errors: "worlds, agents".
+            who: Format of an agent's name in errors, by its indices.
+            what: Name of `given` in errors.
 
         Raises:
             ActionError: The wrong shape or type, or an action that is out of range.
@@ -148,7 +148,7 @@ class ActionSpace:
         return rows
 
     def given(self, rows: Array) -> Array:
-        """Return what a learner would have passed (the middle of a value's part, if continuous): the inverse of `rows`.
+        """Return the learner's form of actions (the middle of a value's part, if continuous): the inverse of `rows`.
 
         rows: integers (..., actions).
         """
@@ -160,11 +160,11 @@ class ActionSpace:
         return given
 
     def write(self, given: Any, actions: Array, ranges: bool = False) -> None:
-        """Write what a learner passed for all agents of a batch into `actions`, integers (worlds, agents, actions).
+        """Write a learner's actions for all agents of a batch into `actions`, integers (worlds, agents, actions).
 
         Args:
             given: As for `rows`.
-            actions: Where to write; unchanged if `given` is refused.
+            actions: The target; unchanged if `given` is refused.
             ranges: As for `rows`.
 
         Raises:
@@ -184,11 +184,11 @@ class ActionSpace:
             )
 
     def masks(self) -> Array:
-        """Return which values can change anything in the next tick, or are those of `noop`: bool, a new array.
+        """Return whether each value can have an effect in the next tick, or is that of `noop`: bool, a new array.
 
-        A value that is False would leave exactly the same world behind as `noop`; one that is True may still have no
+        A value with False leads to exactly the same world as `noop`; one with True may still have no
         effect. It is False while the weapon is cooling down, for `use`, `give` and `drop` with an empty bag, and for
-        everything that the dead do.
+        all actions of dead agents.
 
         Returns:
             (worlds, agents, mask_size).
@@ -201,7 +201,7 @@ class ActionSpace:
         return masks
 
     def idle(self) -> Array:
-        """Return which actions can change nothing in the next tick, of any value: bool (worlds, agents, actions)."""
+        """Return whether each action has no effect in the next tick, for any value: bool (worlds, agents, actions)."""
         roles = self._worlds.layout.roles
         idle = {module.name: _idle(module, self._worlds, self.keys) for module in self._masking}
         for name, parts in self._idle.items():
@@ -231,7 +231,7 @@ class ActionSpace:
 
 
 def _idle(module: Module, worlds: Worlds, known: Sequence[str]) -> dict[str, Array]:
-    """Return what a module's idle_actions() returns. Raises DeclarationError if it is not what is specified there."""
+    """Return the result of a module's idle_actions(). Raises DeclarationError if it has another form."""
     given: Any = cast("MasksActions", module).idle_actions(worlds)
     shape = worlds.count, worlds.dims["agents"]
     if not isinstance(given, Mapping):
@@ -251,7 +251,7 @@ def _idle(module: Module, worlds: Worlds, known: Sequence[str]) -> dict[str, Arr
 
 
 def _readers(worlds: Worlds, action: type[Any]) -> set[str]:
-    """Return the mechanics that have running systems which look at an action."""
+    """Return the mechanics with running systems that read an action."""
     kinds = ("read", "write", "add")
     return {
         system.module

@@ -1,4 +1,4 @@
-"""The agents of every world as arrays: who is alive, which side each agent is on, and its share of a statistic."""
+"""The agents of every world as arrays: whether it is alive, its side, and its share of a statistic."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -13,13 +13,13 @@ from .validation import Array
 
 
 def alive(worlds: Worlds, where: Any = slice(None)) -> Array:
-    """Return which agents are alive: bool (worlds, agents), a new array. where: index of worlds; 0 gives (agents,)."""
+    """Return whether agents are alive: bool (worlds, agents), a new array. where: index of worlds; 0 gives (agents,)."""
     living: Array = worlds[Entity].alive[where, worlds.span("agent")].astype(bool)
     return living
 
 
 def present(worlds: Worlds, where: Any = slice(None)) -> Array:
-    """Return which agents are in the episode, dead or alive: bool (worlds, agents), a new array. where: see `alive`."""
+    """Return whether agents are in the episode, dead or alive: bool (worlds, agents), a new array. where: see `alive`."""
     there: Array = worlds[Entity].identity[where, worlds.span("agent")] >= 0
     return there
 
@@ -27,12 +27,12 @@ def present(worlds: Worlds, where: Any = slice(None)) -> Array:
 class Presence:
     """The entries of infos about agents, for all adapters: "alive" and, only if the number of agents varies, "present".
 
-    Calls return what the functions `alive` and `present` do.
+    Calls return the results of the functions `alive` and `present`.
     """
 
     def __init__(self, worlds: Worlds) -> None:
         entity, rows = worlds[Entity], worlds.span("agent")
-        self._alive = entity.alive[:, rows]  # views, as looking them up takes longer than a small world's copy
+        self._alive = entity.alive[:, rows]  # views: looking them up takes longer than a small world's copy
         self._identity = entity.identity[:, rows] if counts_vary(worlds) else None
 
     def __call__(self, where: Any = slice(None)) -> dict[str, Array]:
@@ -63,7 +63,7 @@ def fewest_sides(worlds: Worlds) -> int:
 
 
 def counted(worlds: Worlds) -> dict[str, Array]:
-    """Return which entries of statistics belong to an agent, or to a side with agents, that the episode has.
+    """Return whether entries of statistics belong to an agent, or to a side with agents, of the episode.
 
     Returns:
         For each statistic with an entry per agent or side, by key: bool (worlds, n). {} if all episodes have all

@@ -21,7 +21,7 @@ Step = TypeVar("Step", bound=Callable[..., Any])
 
 
 class Job:
-    """A call in a thread of its own, made once, however often it is started."""
+    """A call in its own thread, made once even if it is started repeatedly."""
 
     def __init__(self, call: Callable[..., Any], *arguments: Any) -> None:
         self._call = (call, arguments)
@@ -52,7 +52,7 @@ class Job:
             pass
 
     def result(self) -> Any:
-        """Wait for the end; return or raise what the call did."""
+        """Wait for the end; return its result, or raise its exception."""
         self.wait()
         if self._error is not None:
             raise self._error
@@ -77,7 +77,7 @@ class CallGuard:
         self.inside: dict[str, int] = {}
 
     def enter(self) -> None:
-        """Begin a call; `leave` ends it. Raises PendingError while another thread is in a call."""
+        """Begin a call, which `leave` ends. Raises PendingError while another thread is in a call."""
         me = get_ident()
         if self.inside.setdefault("thread", me) != me:
             raise PendingError("another thread is in a call of this environment; make an environment for each thread")
@@ -100,7 +100,7 @@ class CallGuard:
         self.pending.start()
 
     def fetch(self) -> Any:
-        """Wait for the call, and return or raise what it did. Raises PendingError if no call has begun."""
+        """Wait for the call, and return its result or raise its exception. Raises PendingError if no call has begun."""
         if (job := self.pending) is None:
             raise PendingError("recv() without send()")
         self.check_owner()
@@ -122,7 +122,7 @@ class CallGuard:
             raise PendingError("the step was sent by another process, of which this is a fork; make a new environment")
 
     def wait(self) -> None:
-        """Wait for the end of a call that has begun, if there is one; its result can still be fetched."""
+        """Wait for the end of a call that has begun, if any; its result can still be fetched."""
         job, here = self.pending, self._owner == os.getpid() and self.inside.get("thread") != get_ident()
         if job is not None and here and not job.finished:
             job.start()  # again, as in `fetch`
@@ -157,7 +157,7 @@ def exclusive(call: Callable[Concatenate[Any, Options], Result]) -> Callable[Con
 
 
 def exclusive_step(call: Step) -> Step:
-    """Do as `exclusive`, for `step`, with named arguments: packing and unpacking would take 4 % of a world's step."""
+    """Like `exclusive`, for `step`, with named arguments: packing and unpacking would take 4 % of a world's step."""
 
     @functools.wraps(call)
     def checked(env: Any, actions: Any, *, out: Any = None) -> Any:

@@ -35,7 +35,7 @@ class Block(NamedTuple):
 class GlobalState:
     """The state of one world as one float32 vector, including what no agent sees.
 
-    It consists of these blocks of rows, in this order; for entities that are not there, all but the flags are 0:
+    It consists of these blocks of rows, in this order; for absent entities, all but the flags are 0:
 
     ======= ===================================================================================
     agents  alive (0, 1), then the row `own` of their observation, with its fields
@@ -52,7 +52,7 @@ class GlobalState:
     Attributes:
         space: The space of the vector.
         names: The names of its numbers: "agent_0.health", "zone.x", "box_3.stands" ...
-        scale: What to divide its numbers by to get about -1 to 1, float32 like the vector.
+        scale: Divisors that bring its numbers to about -1 to 1, float32 like the vector.
     """
 
     def __init__(self, worlds: Worlds, scaled: bool = False) -> None:
@@ -116,13 +116,13 @@ class GlobalState:
         yield Block([f"numbers.{name}" for name in self.numbers], np.hstack(drawn or [flag]), self._numbers)
 
     def _units(self, key: str, *names: str) -> Array:
-        """Return scale and whether in radians, (2, columns), of these fields of an observation, or of all of it."""
+        """Return the scale, and whether in radians, (2, columns), of these fields of an observation, or of all."""
         fields = self.worlds.layout.fields[key]
         chosen = [fields[name] for name in names or fields]
         return np.hstack([np.full((2, field.size), [[field.scale], [field.unit == "rad"]]) for field in chosen])
 
     def _toughest(self) -> float:
-        """Return the most hit points that any object has at the start; 1 without objects."""
+        """Return the maximum hit points of an object at the start; 1 without objects."""
         points = self.worlds.layout.prefab_values(Health, "points")
         spans = {name: self.worlds.span(name) for name in points}
         return max([1.0, *(float(np.max(points[name])) for name in points if spans[name].start in self.objects)])

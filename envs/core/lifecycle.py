@@ -1,4 +1,4 @@
-"""The episodes of worlds: when they begin and end, and which worlds cannot begin or go on."""
+"""The episodes of worlds: their beginnings and ends, and errors of worlds that cannot begin or continue."""
 
 import contextlib
 import logging
@@ -54,11 +54,11 @@ class EpisodeTracker(Stepper):
     """The state of episodes, running or ended and waiting for a reset; takes steps and resets.
 
     Attributes:
-        set_states: How often each world went on from a state that was set, int64 (worlds,).
+        set_states: Number of states that were set in each world, int64 (worlds,).
     """
 
     def __init__(self, worlds: Worlds, autoreset: AutoresetMode) -> None:
-        """Make it; no world is running yet. autoreset: when a world that ended begins its next episode."""
+        """Create it; none of the worlds is running yet. autoreset: when a world that ended begins its next episode."""
         super().__init__(
             worlds,
             actions=np.zeros((worlds.count, worlds.dims["agents"], len(worlds.layout.actions)), np.int64),
@@ -71,12 +71,12 @@ class EpisodeTracker(Stepper):
 
     @property
     def masks(self) -> dict[str, Array]:
-        """Return what saved states hold besides the tables, bool (worlds,) each, by the names used there."""
+        """Return the further arrays of saved states, bool (worlds,) each, by their names there."""
         return {"over": self.ended, "started": self.running}
 
     @contextlib.contextmanager
     def overwritten(self, where: Any) -> Iterator[dict[str, Array]]:
-        """Let no world run while the worlds `where` are overwritten, as Ctrl-C may leave a world half-written.
+        """Stop all worlds while the worlds `where` are overwritten, since Ctrl-C may leave a world half-written.
 
         Yields:
             `masks` to overwrite; "started" takes effect only when everything else is written.
@@ -100,7 +100,7 @@ class EpisodeTracker(Stepper):
             )
 
     def check_going(self, where: Array | None) -> None:
-        """Raise NotResetError unless all worlds, or those `where`, are in an episode that goes on."""
+        """Raise NotResetError unless all worlds, or those `where`, are in a running episode."""
         some = slice(None) if where is None else where
         self.check_running("step", some)
         if (done := self.done)[some].any():

@@ -35,11 +35,11 @@ def change_numbers(
     """Set numbers; see SurvivalVectorEnv.set_numbers.
 
     Args:
-        scenario: The scenario that is played.
+        scenario: The scenario of the worlds.
         worlds: Its worlds.
         asked: Names and values.
         mask: The worlds, for those that vary; None: all.
-        check_unrecorded: Raises RecordingError while a recording goes on.
+        check_unrecorded: Raises RecordingError during a recording.
     """
     where = world_mask("mask", mask, worlds.count)
     full = by_full_name(scenario.find_number, asked)
@@ -92,7 +92,7 @@ def change_levels(worlds: Worlds, levels: Sequence[Level], mask: Any) -> None:
     if len(levels) not in (1, len(rows)):
         raise NumberError(f"{len(levels)} levels for {len(rows)} worlds: one, or as many, are needed")
     with _restored(worlds):
-        waiting = worlds[Given].words[rows]  # forget levels that were set before and have not been played
+        waiting = worlds[Given].words[rows]  # drop levels that were set before and not played
         waiting[(waiting >> ONCE) & np.uint64(1) == 1] = 0
         waiting[:, KEY] = 0
         worlds[Given].words[rows] = waiting
@@ -104,7 +104,7 @@ def change_levels(worlds: Worlds, levels: Sequence[Level], mask: Any) -> None:
 
 @contextlib.contextmanager
 def _restored(worlds: Worlds) -> Iterator[None]:
-    """Restore the numbers that were given before if an exception is raised."""
+    """Restore the previously given numbers if an exception is raised."""
     before = worlds[Given].words.copy() if Given in worlds else None
     try:
         yield
@@ -115,7 +115,7 @@ def _restored(worlds: Worlds) -> Iterator[None]:
 
 
 def _chosen(name: str, value: Any, where: Array) -> Any:
-    """Return the values of the worlds `where`, if there is one for each world; a single value, or None, as it is."""
+    """Return the values of the worlds `where`, if there is one for each world; a single value, or None, unchanged."""
     if not has_one_each(value):
         return value
     if len(value) != len(where):

@@ -1,4 +1,4 @@
-"""Observations in the form that a learner takes: by key, flat or as lists, in units or scaled."""
+"""Observations in the form for a learner: by key, flat or as lists, in units or scaled."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -99,7 +99,7 @@ class Observations:
         return _checked(self.views, out, name)
 
     def write(self, arrays: Any) -> None:
-        """Write the present observations, of either kind, into what `check` returned."""
+        """Write the present observations, of either kind, into the result of `check`."""
         _write(self.views, arrays)
         if not self.scaled:
             return
@@ -119,7 +119,7 @@ class Observations:
         )
 
     def room(self, empty: Any) -> Any:
-        """Return memory to `write` observations into: what empty(shape) makes, float32, by key or as one.
+        """Return memory for `write`: results of empty(shape), float32, by key or as one.
 
         Raises ValueError, as `check` and `of_agent` do, without a fixed shape.
         """
@@ -163,7 +163,7 @@ def _flat_size(observations: Mapping[str, Array]) -> int:
 
 
 def _write(observations: Mapping[str, Array], arrays: Any) -> None:
-    """Copy observations of shape (worlds, agents, ...) into what `_checked` returned."""
+    """Copy observations of shape (worlds, agents, ...) into the result of `_checked`."""
     if isinstance(arrays, Mapping):
         for key, array in observations.items():
             arrays[key][...] = array
@@ -182,7 +182,7 @@ def _checked(observations: Mapping[str, Array], out: Any, name: str = "out") -> 
         observations: Observations by key, of shape (worlds, agents, ...).
         out: A mapping with a float32 array of the same shape for each key, or one float32 array
             (worlds, agents, numbers), `flat_size` numbers in order of the keys; see `writable`.
-        name: What `out` is called in errors.
+        name: Name of `out` in errors.
 
     Returns:
         `out` as numpy arrays that share its memory.
@@ -202,7 +202,7 @@ def writable(name: str, given: Any, shape: tuple[int, ...], dtype: Any = np.floa
     """Return the caller's memory as a numpy array.
 
     Args:
-        name: What it is called in errors.
+        name: Its name in errors.
         given: A numpy array, or a tensor of a library that can share memory with numpy, such as PyTorch's on the CPU,
             pinned or not.
         shape: The shape that it must have.
@@ -229,7 +229,7 @@ def writable(name: str, given: Any, shape: tuple[int, ...], dtype: Any = np.floa
 
 
 def read_only(array: Array) -> Array:
-    """Return a view that cannot be written to: the engine writes only what changes, and relies on the rest."""
+    """Return a view that cannot be written to: the engine writes only changes, and relies on the rest."""
     view = array.view()
     view.flags.writeable = False
     return view

@@ -18,7 +18,7 @@ GAME, PLAY, OUTPUT, MACHINE = "game", "what is played", "output", "machine"  # t
 
 
 class ChoicesBySide(tuple[str, ...]):
-    """Choices of which sides can have different ones: a text such as "fast,seeker:paper" is in them, too."""
+    """Choices that can differ by side: a text such as "fast,seeker:paper" is also in them."""
 
     def __contains__(self, text: object) -> bool:
         with contextlib.suppress(ValueError):
@@ -48,13 +48,13 @@ class Option:
 
     Attributes:
         group: The title of its group in the help of commands; "" if it is for Python only, and has no flag.
-        text: What it is, with its unit, without a full stop; of a bool, what it does, as in "show no progress".
-        python: What only Python takes or needs to know, as a sentence.
+        text: Description with unit, without a full stop; for a bool, its effect, as in "show no progress".
+        python: Values or facts for Python only, as a sentence.
         flag: Its flag, if that is not its name; of a bool that is usually True, one that begins with --no-.
-        metavar: What help calls its value.
+        metavar: Name of its value in help.
         least: The lowest integer that is allowed; None if it is not an integer.
         most: The highest integer.
-        choices: What is allowed, texts or None; () if it is something else. ChoicesBySide: also other ones by side.
+        choices: Allowed values, texts or None; () for other types. ChoicesBySide: may differ by side.
         many: Whether the flag can be repeated, with a text each time.
         takes: Type and default in the signatures of functions, if these are not those of the field.
     """
@@ -94,7 +94,7 @@ def default_of(kind: Any, name: str) -> Any:
 
 
 def check_options(kind: Any, given: Mapping[str, Any]) -> None:
-    """Check those options that are given and are flags, integers or choices. Raises ValueError."""
+    """Check the given options that are flags, integers or choices. Raises ValueError."""
     for name, each in options_of(kind).items():
         if name not in given:
             continue
@@ -108,7 +108,7 @@ def check_options(kind: Any, given: Mapping[str, Any]) -> None:
 
 
 def help_of(kind: Any, name: str) -> str:
-    """Return the help of an option's flag: its text, with the default unless that goes without saying."""
+    """Return the help of an option's flag: its text, with the default unless that is obvious."""
     own, usual = options_of(kind)[name], default_of(kind, name)
     if own.many:
         return f"{own.text} (can be repeated)"
@@ -122,7 +122,7 @@ def help_of(kind: Any, name: str) -> str:
 
 @dataclass(frozen=True)
 class WorldOptions:
-    """The options of environments: of `outlast.make_vec`, and some of each adapter."""
+    """Options of environments: of `outlast.make_vec`, and some of each adapter."""
 
     seed: int | None = option(
         None,

@@ -19,7 +19,7 @@ REST = ("vx", "vy", "omega")
 
 
 def place(worlds: Worlds, kind: str, number: int, where: Any, values: Mapping[str, Any]) -> int:
-    """Put an entity into the worlds `where`; see SurvivalVectorEnv.place, which checks nothing of these arguments."""
+    """Put an entity into the worlds `where`; see SurvivalVectorEnv.place, which does not check these arguments."""
     span = worlds.span(kind)
     if not is_whole(number, 0, span.stop - span.start - 1):
         raise ValueError(f"number = {number!r:.60}: there are {span.stop - span.start} of the kind '{kind}', from 0 on")
@@ -71,7 +71,7 @@ def _column(kind: str, parts: list[type[Component]], name: str) -> tuple[type[Co
 
 
 def _check_coupled(columns: list[tuple[type[Component], str]]) -> None:
-    """Raise ValueError for a column that has to fit others which are neither given nor computed here."""
+    """Raise ValueError for a column that must fit others which are neither given nor computed here."""
     for own, column in columns:
         for coupled in own.coupled:
             missing = [need for need in coupled.needs if (own, need) not in columns]
@@ -80,7 +80,7 @@ def _check_coupled(columns: list[tuple[type[Component], str]]) -> None:
 
 
 def _couple(worlds: Worlds, parts: list[type[Component]], w: int, row: int) -> None:
-    """Write what follows from the columns of an entity, by the systems that compute it at resets."""
+    """Compute the dependent columns of an entity, by the systems that do so at resets."""
     rows = np.array([row], np.int32)
     if Body in parts:
         body = _of_world(worlds, Body, w)
@@ -97,7 +97,7 @@ def _couple(worlds: Worlds, parts: list[type[Component]], w: int, row: int) -> N
 
 
 def _given(worlds: Worlds, parameter: Any, w: int) -> Any:
-    """Return the table that a system takes; None for one that the game lacks."""
+    """Return the table for a system; None for one that the game lacks."""
     return None if parameter.kind == "none" else _of_world(worlds, parameter.components[0], w)
 
 

@@ -1,4 +1,4 @@
-"""Questions about where bodies are, from Python: the kernels that mechanics ask, run as Python."""
+"""Queries of bodies from Python: the kernels of mechanics, run as Python."""
 
 from typing import Any
 
@@ -14,10 +14,10 @@ Kind = type[Component]
 
 
 class Query:
-    """Answers about one world as its tables are now, at the moment of each call.
+    """Queries of one world, from its tables at the time of each call.
 
     Entities are rows (`env.worlds.span("box").start` is the first box). *kinds: components that the rows must have, as
-    in `near(0, 0, 2.0, Side)`; without any, all bodies count. Only the living count. Distances are between outlines, in
+    in `near(0, 0, 2.0, Side)`; without any, all bodies count. Only living ones do. Distances are between outlines, in
     metres.
 
     Raises:
@@ -59,7 +59,7 @@ class Query:
             y: Its second coordinate, metres.
             dx: Its extent along x, metres.
             dy: Its extent along y, metres.
-            *kinds: Components of what counts.
+            *kinds: Components of the bodies that count.
             skip: The row of a body that does not count, such as the observer's.
 
         Returns:

@@ -1,4 +1,4 @@
-"""Observations scaled to about -1 to 1, for libraries whose networks take them as they are."""
+"""Observations scaled to about -1 to 1, for libraries whose networks do not scale them."""
 
 import math
 from collections.abc import Mapping
@@ -18,9 +18,9 @@ class Scale:
     """Scales of the columns of a row.
 
     Attributes:
-        divisors: What columns are divided by, float32 (columns,).
+        divisors: Divisors of the columns, float32 (columns,).
         angles: Indices of columns in radians, which are wrapped to -pi to pi first.
-        unlimited: Indices of columns whose range is not known, which are clipped to -LIMIT to LIMIT.
+        unlimited: Indices of columns of unknown range, which are clipped to -LIMIT to LIMIT.
     """
 
     divisors: Array
@@ -36,7 +36,7 @@ class Scale:
         return cls(divisors, np.flatnonzero(angle), np.zeros(0, int))
 
     def limited(self, low: Array, high: Array) -> tuple["Scale", Array, Array]:
-        """Return the same, but clipped where one of the ends (..., columns) is infinite, and the ends of the result."""
+        """Return the scale, clipped where one of the ends (..., columns) is infinite, and the ends of the result."""
         low, high = low.copy(), high.copy()
         low[..., self.angles], high[..., self.angles] = -np.float32(math.pi), np.float32(math.pi)
         endless = np.isinf(low) | np.isinf(high)
@@ -57,7 +57,7 @@ class Scale:
 
 
 def joined(scales: list[Scale]) -> Scale:
-    """Return the scale of rows that are joined into one."""
+    """Return the scale of rows that are concatenated into one."""
     starts = np.cumsum([0, *(len(scale.divisors) for scale in scales)])[:-1]
     shifted = [(scale.angles + at, scale.unlimited + at) for scale, at in zip(scales, starts, strict=True)]
     angles, unlimited = (np.concatenate(each) for each in zip(*shifted, strict=True))
@@ -69,7 +69,7 @@ def scaled(observations: Mapping[str, Array], fields: Fields) -> dict[str, Array
 
     >>> seen = outlast.adapters.scaled(observations, env.fields)
 
-    Environments made with scaled=True do that by themselves, and also clip columns without bounds.
+    Environments with scaled=True do that themselves, and also clip columns without bounds.
 
     Args:
         observations: By key, float32 (..., length of a row), from any adapter.

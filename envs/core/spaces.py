@@ -43,7 +43,7 @@ class StatisticPlaces(NamedTuple):
     """Places of the statistics of episodes in the states of worlds.
 
     Attributes:
-        dims: The dimensions of each behind `worlds`: () if it is one number.
+        dims: The dimensions of each after `worlds`: () if it is one number.
         places: Where each is when the words are side by side: index of its type, and its columns as such numbers.
         dtypes: The types.
         memory: The states as words as large as the smallest number, (worlds, words of a state).
@@ -91,7 +91,7 @@ INFO = ("alive", "present", "action_mask", "final_obs", "final_info")  # entries
 
 
 def check_published(worlds: Worlds) -> None:
-    """Refuse declarations that learners cannot use, or that would have no effect.
+    """Check that learners can use all declarations, and that each has an effect.
 
     Raises:
         DeclarationError: A column that learners see or set has no row per agent, or no system writes or reads it; a
@@ -200,7 +200,7 @@ def _bounds(worlds: Worlds) -> dict[str, Ends]:
             for there in extremes
         ]
         least, most = (np.repeat(each, sizes) for each in (np.min(declared, 0)[:, 0], np.max(declared, 0)[:, 1]))
-        with np.errstate(over="ignore"):  # what float32 cannot hold becomes infinite
+        with np.errstate(over="ignore"):  # values beyond float32 become infinite
             low = np.fmax(_widest(np.fmin, shape, [ends[0] for ends in given]), np.fmax(least, column.low))
             high = np.fmin(_widest(np.fmax, shape, [ends[1] for ends in given]), np.fmin(most, column.high))
             low, high = low.astype(np.float32), high.astype(np.float32)
@@ -216,13 +216,13 @@ def _bounds(worlds: Worlds) -> dict[str, Ends]:
 
 
 def _widest(widest: np.ufunc, shape: tuple[int, ...], ends: list[Array]) -> Array:
-    """Return the widest of several ends, NaN where none is given."""
+    """Return the widest of several ends, NaN without one."""
     result: Array = widest.reduce([np.full(shape, np.nan), *ends])
     return result
 
 
 def _checked(module: str, key: str, ends: Any, fields: Mapping[str, Field], shape: tuple[int, ...]) -> Ends:
-    """Return a module's bounds of a key as arrays of the column's shape, NaN for fields that it does not mention."""
+    """Return a module's bounds of a key as arrays of the column's shape, NaN for missing fields."""
     if not fields:
         return _range(f"{module}.bounds() of '{key}'", ends, shape)
     known = ", ".join(fields)
@@ -271,7 +271,7 @@ def statistics(worlds: Worlds, where: Array) -> dict[str, Array]:
 
 
 def statistic_dims(worlds: Worlds) -> dict[str, Dims]:
-    """Return the dimensions behind `worlds` of each statistic, by the names under which they are reported."""
+    """Return the dimensions after `worlds` of each statistic, by its reported names."""
     return _statistic_places(worlds).dims
 
 

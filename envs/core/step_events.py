@@ -20,7 +20,7 @@ class StepEvents:
     """The events of every world's last step, even if the world was reset right after it.
 
     Attributes:
-        some: Whether events of some worlds are kept.
+        some: Whether any events are kept.
     """
 
     def __init__(self, worlds: Worlds) -> None:
@@ -38,7 +38,7 @@ class StepEvents:
         self.some = len(self._clock) > 0
 
     def forget(self, where: Any = slice(None)) -> None:
-        """Drop what is kept of the worlds `where` (mask, indices or slice), which have gone on from that step."""
+        """Drop the kept events of the worlds `where` (mask, indices or slice), which have continued from that step."""
         if not self.some:
             return
         left = self._kept.copy()

@@ -1,4 +1,4 @@
-"""Checks of what callers pass in, before anything changes: counts, seeds, masks, actions."""
+"""Checks of callers' arguments, before anything changes: counts, seeds, masks, actions."""
 
 from collections.abc import Sequence
 from typing import Any, TypeAlias
@@ -14,11 +14,11 @@ Array = np.ndarray[Any, Any]
 
 Seeds: TypeAlias = int | Sequence[int | None] | np.ndarray[Any, Any]
 MAX_WORLDS = 10**12  # no memory holds more worlds, and their numbers fit into 64 bits
-ROUNDING = 1e-6  # error allowed in continuous actions, as scaling them to their range rounds
+ROUNDING = 1e-6  # allowed error of continuous actions: scaling them to their range rounds
 
 
 def check_count(name: str, value: Any, least: int, most: int | None = None) -> None:
-    """Raise ValueError unless `value` is an integer of at least `least`, and at most `most` if that is given."""
+    """Raise ValueError unless `value` is an integer of at least `least`, and at most `most`, if given."""
     if not is_whole(value, least):
         raise ValueError(f"{name} = {value!r}: an integer >= {least} is needed")
     if most is not None and int(value) > most:
@@ -51,7 +51,7 @@ def keys(seed: Any, count: int, first_world: int) -> tuple[Array, Array, Array]:
     """Return the keys of the worlds' random numbers; see SurvivalVectorEnv.reset.
 
     Returns:
-        Seeds and worlds, uint64 (count,), and which worlds get them, bool (count,): worlds without a seed go on.
+        Seeds and worlds, uint64 (count,), and whether worlds get them, bool (count,): those without a seed continue.
     """
     given = np.asarray(seed, object)
     if given.ndim == 0:
@@ -107,12 +107,12 @@ def checked_actions(
     Args:
         given: Integers of any type, as an array or nested lists.
         shape: The shape they must have; the actions of one agent are the last axis.
-        sizes: How many values each of those actions has.
+        sizes: Number of values of each of these actions.
         ranges: Whether to check that each action is from 0 to its size - 1.
-        what: What `given` is called in errors ("others").
-        axes: What `shape` is called in errors.
-        who: What the agent with all indices but the last is called in errors ("sub-environment {0}").
-        keys: What the actions of an agent are called in errors.
+        what: Name of `given` in errors ("others").
+        axes: Names of the axes of `shape` in errors.
+        who: Format of an agent's name in errors, by all indices but the last ("sub-environment {0}").
+        keys: Names of the actions of an agent in errors.
 
     Returns:
         `given` as an integer array of that shape.
