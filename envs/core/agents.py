@@ -13,13 +13,13 @@ from .validation import Array
 
 
 def alive(worlds: Worlds, where: Any = slice(None)) -> Array:
-    """Return whether agents are alive: bool (worlds, agents), a new array. where: index of worlds; 0 gives (agents,)."""
+    """Return whether agents live: bool (worlds, agents), a new array. where: index of worlds; 0 gives (agents,)."""
     living: Array = worlds[Entity].alive[where, worlds.span("agent")].astype(bool)
     return living
 
 
 def present(worlds: Worlds, where: Any = slice(None)) -> Array:
-    """Return whether agents are in the episode, dead or alive: bool (worlds, agents), a new array. where: see `alive`."""
+    """Return whether agents are present, dead or alive: bool (worlds, agents), a new array. where: see `alive`."""
     there: Array = worlds[Entity].identity[where, worlds.span("agent")] >= 0
     return there
 

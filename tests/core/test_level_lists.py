@@ -239,7 +239,7 @@ def test_keys_that_are_none_are_refused_in_states() -> None:
     env = make()
     state = env.get_state()
     state.arrays["world"][1].view(np.uint64)[4 + env.worlds.dims["varied words"]] = 2
-    with pytest.raises(StateError, match="the key of random numbers in world 1 is none"):
+    with pytest.raises(StateError, match="the key of random numbers in world 1 is invalid"):
         env.set_state(state)
 
 

@@ -257,8 +257,8 @@ def declared(capacity: Any = 3, **more: Any) -> type[Event]:
     [
         ({"columns": {}}, r'class Odd\(Event\) has no columns.*column\("i4", unit="entity"\)'),
         ({"capacity": None}, r'class Odd\(Event\) has no capacity.*capacity="agents"'),
-        ({"columns": {"tick": column("i4")}}, "column 'tick' of its own"),
-        ({"columns": {"count": column("i4")}}, "column 'count' of its own"),
+        ({"columns": {"tick": column("i4")}}, "column 'tick' is reserved"),
+        ({"columns": {"count": column("i4")}}, "column 'count' is reserved"),
         ({"who": "giver"}, "who='giver' is not one of its columns: agent"),
         ({"columns": {"spot": column("f4")}, "whom": "spot"}, "whom='spot' must hold entities.*unit=\"entity\""),
         ({"columns": {"agent": column("i4", fill=-1)}}, "leave out fill"),

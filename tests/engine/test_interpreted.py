@@ -84,7 +84,7 @@ def test_some_systems_as_python_give_the_same_bytes() -> None:
 
 
 def test_an_unknown_system_cannot_be_interpreted() -> None:
-    with pytest.raises(ScheduleError, match=r"no system 'walkers.wlak' here; did you mean walkers.walk"):
+    with pytest.raises(ScheduleError, match=r"unknown system 'walkers.wlak'; did you mean walkers.walk"):
         Worlds(toy_game.GAME, 1, interpret=["walkers.wlak"])
 
 

@@ -171,7 +171,7 @@ REFUSED: list[tuple[Mapping[str, Any], str]] = [
     ({"a": role(walk_step=outlast.distributions.uniform(-1, 1))}, "role a: walk.step = -1"),
     ({"a": role(walk_step=float("nan"))}, "role a: walk.step = nan: a finite number"),
     ({"a": role(walk_count=1.5)}, "role a: walk.count = 1.5: an integer"),
-    ({"a": role(walk_count=outlast.distributions.uniform(1, 2))}, "of type int, so take integers or cho"),
+    ({"a": role(walk_count=outlast.distributions.uniform(1, 2))}, "it has type int, so take integers or cho"),
     ({"drawn": "side", "a": role()}, 'drawn = "side", but agents are not in teams; add Teams'),
     ({"drawn": "daily", "a": role()}, "drawn = 'daily'; allowed are 'never', 'anyone', 'side'"),
 ]
@@ -192,7 +192,7 @@ def test_impossible_roles_are_refused(given: Any, message: str) -> None:
         (lambda: outlast.role(agents=(0, 0)), "distinct ids"),
         (lambda: outlast.role(agents=(0.5,)), "integers >= 0"),
         (lambda: Roles(()), "at least one is needed"),
-        (lambda: roles(**{"a b": outlast.role()}), "is no name of a role"),
+        (lambda: roles(**{"a b": outlast.role()}), "is not a role's name"),
         (lambda: Roles((5,)), "5 is not a role"),
     ],
 )
