@@ -324,7 +324,7 @@ class PageEvent:
     kind: start (of an episode), kill (a death caused by another side), death (any other death), heal, place (a box),
     use (any other item), break (a box), other (an event of a user's mechanic), end. agent: the agent that died, used an
     item, broke a box or did something else; by: the agent that killed; side: the side that killed or broke, for an end
-    the only side that is left; object: the item or box. These are numbers; -1 means nobody, none or unknown. cause: for
+    the only remaining side; object: the item or box. These are numbers; -1 means none or unknown. cause: for
     a death the damage type; for an end "terminated", "truncated" or "rule"; for `other` the event in words.
     """
 

@@ -44,7 +44,7 @@ class Part(NamedTuple):
 
     Attributes:
         x: Position of a point in the part, near its middle, where the middle of the disc can be, metres.
-        y: Likewise.
+        y: Its second coordinate, metres.
         area: The area that the middle of the disc can reach, square metres.
         starts: Indices of the start areas that overlap it.
     """
@@ -374,12 +374,12 @@ def parts_of(walls: Iterable[Any], starts: Sequence[Any], width: float, room: tu
 
     Args:
         walls: Rectangles (x, y, width, height, angle), metres and radians.
-        starts: Rectangles of the start areas, likewise.
+        starts: Rectangles of the start areas, in the same form.
         width: The diameter of the disc, metres.
         room: Width and height of the floor, metres.
 
     Raises:
-        ScenarioError: There is no width or no room, or lattice points would be farther apart than the disc's radius.
+        ScenarioError: Width or room is missing, or lattice points would be farther apart than the disc's radius.
     """
     step = max(width / CELLS, max(room) / LATTICE)
     if not (width > 0 and min(room) > 0 and step <= width / 2):

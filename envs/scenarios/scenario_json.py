@@ -166,7 +166,7 @@ def distribution_of(name: Any, *values: Any) -> Distribution:
     if made is None or (made is not choice and len(values) != (1 if made is free else 2)):
         hint = did_you_mean(name, makers, after=" ", count=1, cutoff=0.75) if made is None else ""
         raise NumberError(
-            f"{[name, *values]!r:.80} is no distribution: {hint}uniform(low, high), log_uniform(low, high), "
+            f"{[name, *values]!r:.80} is not a distribution: {hint}uniform(low, high), log_uniform(low, high), "
             "integers(low, high), choice(value, value, ...) or free(value) is needed"
         )
     return made(*values)
