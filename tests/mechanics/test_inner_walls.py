@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast import Scenario, systems, variant
-from outlast.components import Body, Side, Solid, Spawned, Strike
+from outlast import systems, variant
+from outlast.components import Body, Side, Spawned, Strike
 from outlast.ecs import Entity
 from tests.conftest import COMPILED, digest, draw_actions, few_by_day, scaled
 from tests.helpers.naive_walls import blocks, free_parts, level, obstacles, signed_distance
-from tests.helpers.random_levels import LevelChecker, deepest
-from tests.helpers.random_worlds import RUNS, TEXT
+from tests.helpers.random_levels import LevelChecker
 
 GENERATORS: dict[str, systems.Maze | systems.Rooms | systems.Pillars] = {
     "maze": systems.Maze(),
@@ -24,7 +23,6 @@ GENERATORS: dict[str, systems.Maze | systems.Rooms | systems.Pillars] = {
     "pillars": systems.Pillars(),
     "many pillars": systems.Pillars(count=30, least=0.4, most=0.9, gap=1.1),
 }
-HALL = variant("teams_3").replace(room_width=40.0, room_height=16.0, safe_zone_radii=(7.0, 4.0))
 generators = pytest.mark.parametrize("kind", few_by_day(GENERATORS, ("maze", "narrow doors", "many pillars")))
 
 
@@ -125,58 +123,6 @@ def test_pillars_leave_gaps() -> None:
             gap = min(float(signed_distance(wall, pillar.x, pillar.y)) for wall in walls)
             assert gap - math.sqrt(2) * pillar.half_width > mechanic.gap - 1e-4
     env.close()
-
-
-@generators
-@pytest.mark.parametrize("plain", [variant("teams_3"), HALL], ids=["square", "hall"])
-@pytest.mark.by_day(2)
-def test_everybody_starts_in_a_free_place(kind: str, plain: Scenario) -> None:
-    mechanic = GENERATORS[kind]
-    if plain is HALL and "pillars" not in kind:
-        mechanic = mechanic.replace(columns=6, rows=2)
-    elif plain is HALL:
-        mechanic = mechanic.replace(count=8)
-    env = outlast.make_vec(plain.with_(mechanic), scaled(24, least=1), seed=2)
-    checker = LevelChecker(env, 0)
-    for _ in range(2):
-        env.reset()
-        checker.check()
-    env.close()
-
-
-def play_inside(mechanic: Any, numbers: dict[str, Any], worlds: int, ticks: int) -> None:
-    """Random play, in which no centre of a body that moves is ever in a wall, and no agent outside of the room."""
-    numbers = numbers | {"safe_zone_damage": 0, "motors_ahead": 0.6, "rewards_posthumous": False}
-    env = outlast.make_vec(variant("ffa_4").replace(**numbers).with_(mechanic), worlds, seed=1)
-    env.reset()
-    rng, checker, solid = np.random.default_rng(0), LevelChecker(env, 0), env.worlds.layout.rows(Solid)
-    moving = solid[env.worlds[Solid].dynamic[0, solid] != 0]
-    for tick in range(ticks):
-        actions = draw_actions(env, rng)
-        if tick % 20 == 0:
-            held = actions
-        actions[..., :3] = held[..., :3]  # somewhere
-        checker.check(env.step(actions)[1])
-        assert deepest(env.worlds, moving, checker.blocks) < 0
-    assert checker.deep < 0.05 * checker.ticks  # where a box that is set up squeezes somebody
-    env.close()
-
-
-@pytest.mark.skipif(not COMPILED, reason="many ticks")
-@pytest.mark.parametrize("numbers", [RUNS, TEXT], ids=["as run", "as written"])
-@pytest.mark.parametrize("kind", ["maze", "rooms", "pillars"])
-@pytest.mark.by_day(2)
-def test_nobody_is_ever_inside_a_wall(kind: str, numbers: dict[str, Any]) -> None:
-    play_inside(GENERATORS[kind], numbers, 48, 150)
-
-
-@pytest.mark.nightly
-@pytest.mark.skipif(not COMPILED, reason="many ticks")
-@pytest.mark.parametrize("numbers", [RUNS, TEXT], ids=["as run", "as written"])
-@generators
-def test_nobody_is_ever_inside_a_wall_in_many_levels(kind: str, numbers: dict[str, Any]) -> None:
-    """A million world-steps in all."""
-    play_inside(GENERATORS[kind], numbers | {"ending_limit": 200}, 256, 400)
 
 
 def test_a_body_that_is_pushed_through_a_thin_wall_stays_on_its_side() -> None:

@@ -32,8 +32,7 @@ def play(kind: str, seed: int, worlds: int, steps: int) -> LevelChecker:
     return checker
 
 
-@kinds
-@pytest.mark.by_day(1)
+@pytest.mark.parametrize("kind", few_by_day(KINDS, ("mazes", "pillars")))
 def test_bodies_stay_apart_in_random_levels(kind: str) -> None:
     """From walls and from each other where they start and come back; nobody is in a wall; the absent do nothing."""
     for seed in range(scaled(2)):
