@@ -227,10 +227,10 @@ def placed(*places: tuple[float, float], scenario: Scenario = FAR, **numbers: An
     """One world in which these are the places of the agents, who look along +x; boxes and heals are far away."""
     env = make(scenario.replace(**numbers), 1)
     env.reset()
-    body, entities = env.worlds[Body], env.worlds[Entity]
+    entities = env.worlds[Entity]
     entities.alive[0, env.worlds.span("box")] = entities.alive[0, env.worlds.span("heal")] = 0
-    body.x[0, :4], body.y[0, :4] = np.transpose(places)
-    body.angle[0, :4], body.cosine[0, :4], body.sine[0, :4] = 0, 1, 0
+    for agent, (x, y) in enumerate(places):
+        env.place("agent", agent, x=x, y=y, angle=0)
     env.worlds[Track].x[0], env.worlds[Track].y[0] = np.transpose(places)
     return env
 

@@ -20,11 +20,9 @@ def between(scenario: Any) -> Any:
     """A world in which agents 0 and 2 stand left and right of the origin, and look at it; nothing else is near."""
     env = outlast.make_vec(scenario.roles(**ROLES), num_worlds=1, seed=0)
     env.reset()
-    body, agents = env.worlds[Body], env.worlds.span("agent")
-    env.worlds[Entity].alive[0, agents.stop :] = 0
+    env.worlds[Entity].alive[0, env.worlds.span("agent").stop :] = 0
     for e, x, y, angle in ((0, -1.3, 0, 0), (1, 0, 9, 0), (2, 1.3, 0, np.pi)):
-        body.x[0, e], body.y[0, e], body.angle[0, e] = x, y, angle
-        body.cosine[0, e], body.sine[0, e] = np.cos(angle), np.sin(angle)
+        env.place("agent", e, x=x, y=y, angle=angle)
     return env
 
 

@@ -33,18 +33,12 @@ def duel(*rectangles: tuple[float, ...], **numbers: Any) -> Any:
     return env, env.worlds[Body]
 
 
-def put(body: Any, agent: int, x: float, y: float, angle: float = 0.0) -> None:
-    body.x[0, agent], body.y[0, agent], body.angle[0, agent] = x, y, angle
-    body.cosine[0, agent], body.sine[0, agent] = math.cos(angle), math.sin(angle)
-    body.vx[0, agent] = body.vy[0, agent] = body.omega[0, agent] = 0
-
-
 AHEAD, IDLE, STRIKE = [2, 1, 1, 0, 0, 0], [1, 1, 1, 0, 0, 0], [1, 1, 1, 1, 0, 0]
 
 
 def test_a_block_stops_an_agent_just_before_it_touches() -> None:
     env, body = duel((4, 0, 1, 6, 0, 0))
-    put(body, 0, 0, 0)
+    env.place("agent", 0, x=0, y=0, angle=0)
     for _ in range(120):
         env.step(np.array([[AHEAD, IDLE]]))
     assert body.x[0, 0] == pytest.approx(3.5 - 0.505, abs=2e-3)
@@ -52,7 +46,7 @@ def test_a_block_stops_an_agent_just_before_it_touches() -> None:
 
 def test_an_agent_slides_along_a_block_that_is_turned() -> None:
     env, body = duel((4, 0, 1, 8, math.pi / 4, 0))
-    put(body, 0, 0, 0)
+    env.place("agent", 0, x=0, y=0, angle=0)
     for _ in range(150):
         env.step(np.array([[AHEAD, IDLE]]))
     assert abs(body.y[0, 0]) > 1
@@ -62,9 +56,9 @@ def test_an_agent_slides_along_a_block_that_is_turned() -> None:
 @pytest.mark.parametrize(("wall", "hurt"), [(0.95, False), (3.0, True), (-1.2, True)])
 def test_a_block_stops_blows(blocked: bool, wall: float, hurt: bool) -> None:
     """Whether the melee ends at the first body or not; blocks behind the target or the attacker do nothing."""
-    env, body = duel((wall, 0, 0.2, 4, 0, 0), melee_blocked=blocked)
-    put(body, 0, 0, 0)
-    put(body, 1, 1.9, 0)
+    env, _ = duel((wall, 0, 0.2, 4, 0, 0), melee_blocked=blocked)
+    env.place("agent", 0, x=0, y=0, angle=0)
+    env.place("agent", 1, x=1.9, y=0, angle=0)
     env.step(np.array([[STRIKE, IDLE]]))
     (row,) = env.worlds.entries(Strike)
     assert row["target"] == (1 if hurt else env.worlds.span("inner_wall").start)
@@ -72,9 +66,9 @@ def test_a_block_stops_blows(blocked: bool, wall: float, hurt: bool) -> None:
 
 def test_a_block_hides() -> None:
     for x, seen in ((2.0, 0.0), (6.0, 1.0)):
-        env, body = duel((x, 0, 0.2, 4, 0, 0))
-        put(body, 0, 0, 0)
-        put(body, 1, 4, 0)
+        env, _ = duel((x, 0, 0.2, 4, 0, 0))
+        env.place("agent", 0, x=0, y=0, angle=0)
+        env.place("agent", 1, x=4, y=0, angle=0)
         assert env.step(np.array([[IDLE, IDLE]]))[0]["others_mask"][0, 0, 0] == seen
 
 
@@ -128,7 +122,7 @@ def test_pillars_leave_gaps() -> None:
 def test_a_body_that_is_pushed_through_a_thin_wall_stays_on_its_side() -> None:
     """Moved by hand before contacts are resolved, as no play does; along the wall it moves freely."""
     env, body = duel((0, 0, 0.1, 20, 0, 0))
-    put(body, 0, -0.6, 0)
+    env.place("agent", 0, x=-0.6, y=0, angle=0)
     body.vx[0, 0], body.vy[0, 0] = 40.0, 1.0  # metres a second: 1.3 m in a tick
     env.step(np.array([[IDLE, IDLE]]))
     assert body.x[0, 0] < -0.05

@@ -3,7 +3,6 @@
 import math
 from typing import Any
 
-import Box2D
 import numpy as np
 import pytest
 
@@ -17,7 +16,7 @@ from tests.conftest import COMPILED, draw_actions, scaled
 from tests.helpers import naive_lidar
 from tests.helpers.naive_world import read
 from tests.helpers.random_worlds import PILLARS, RUNS, TEXT, scramble
-from tests.mechanics.test_inner_walls import duel, put
+from tests.mechanics.test_inner_walls import duel
 from tests.mechanics.test_sight_lines import Box2DWorld
 
 WORLDS = scaled(60, least=3)
@@ -28,8 +27,8 @@ IDLE = [1, 1, 1, 0, 0, 0]
 
 def measured(env: SurvivalVectorEnv, *poses: tuple[float, float, float]) -> Any:
     """What the agents of world 0 read who are put there, float32 (agents, rays)."""
-    for agent, pose in enumerate(poses):
-        put(env.worlds[Body], agent, *pose)
+    for agent, (x, y, angle) in enumerate(poses):
+        env.place("agent", agent, x=x, y=y, angle=angle, vx=0, vy=0, omega=0)
     return env.step(np.tile(IDLE, (1, env.num_agents, 1)))[0]["lidar"][0]
 
 
@@ -109,20 +108,6 @@ def test_distances_are_those_of_the_naive_form(name: str) -> None:
     assert grazing <= 0.002 * total + 2
 
 
-class _First(Box2D.b2RayCastCallback):  # type: ignore[misc]
-    """The nearest of some bodies, by their rows."""
-
-    def __init__(self, targets: set[int]) -> None:
-        super().__init__()
-        self.targets, self.fraction = targets, 1.0
-
-    def ReportFixture(self, fixture: Any, point: Any, normal: Any, fraction: float) -> float:  # noqa: N802
-        if fixture.body.userData not in self.targets:
-            return -1.0
-        self.fraction = fraction
-        return fraction
-
-
 LEVELS: dict[str, tuple[Any, dict[str, float]]] = {
     "maze": (Maze(), {}),
     "rooms": (Rooms(), {"room_width": 40.0, "room_height": 16.0}),
@@ -154,10 +139,10 @@ def test_rays_are_box2ds_ray_casts(level: str, targets: str) -> None:
         for i, e in enumerate(rows(Side).tolist()):
             eye, me = there.bodies[e].position, naive.of("agent")[i]
             for k, angle in enumerate(naive_lidar.directions(naive, me)):
-                first = _First(kinds[targets] - {e})
-                there.world.RayCast(first, eye, (eye[0] + 10 * math.cos(angle), eye[1] + 10 * math.sin(angle)))
-                got, hits = float(observations["lidar"][w, i, k]), hits + (first.fraction < 1)
-                if abs(got - 10 * first.fraction) > 1e-4:
+                end = eye[0] + 10 * math.cos(angle), eye[1] + 10 * math.sin(angle)
+                fraction, _ = there.cast(eye, end, kinds[targets] - {e})
+                got, hits = float(observations["lidar"][w, i, k]), hits + (fraction < 1)
+                if abs(got - 10 * fraction) > 1e-4:
                     low, high = naive_lidar.distance(naive, me, angle)
                     assert low <= got <= high
                     assert high - low > 1e-2

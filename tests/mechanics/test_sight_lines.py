@@ -25,15 +25,15 @@ KINDS: dict[str, Any] = {
 }
 
 
-class _Nearest(Box2D.b2RayCastCallback):  # type: ignore[misc]
-    def __init__(self, skipped: Any) -> None:
+class _First(Box2D.b2RayCastCallback):  # type: ignore[misc]
+    def __init__(self, rows: Any) -> None:
         super().__init__()
-        self.skipped, self.fraction, self.found = skipped, 2.0, None
+        self.rows, self.fraction, self.found = rows, 1.0, -1
 
     def ReportFixture(self, fixture: Any, point: Any, normal: Any, fraction: float) -> float:  # noqa: N802
-        if fixture.body == self.skipped:
+        if fixture.body.userData not in self.rows:
             return -1.0
-        self.fraction, self.found = fraction, fixture.body
+        self.fraction, self.found = fraction, fixture.body.userData
         return fraction
 
 
@@ -54,11 +54,17 @@ class Box2DWorld:
                 position=place, angle=block.angle, fixtures=fixture, userData=e
             )
 
+    def cast(self, eye: Any, end: Any, rows: Any) -> tuple[float, int]:
+        """The fraction at which a ray meets the first of these rows, and which that is; (1, -1) if it meets none."""
+        first = _First(rows)
+        self.world.RayCast(first, eye, end)
+        return first.fraction, first.found
+
     def sees(self, me: int, e: int) -> bool:
         """Whether the ray from centre to centre hits `e` first."""
-        nearest, eye, other = _Nearest(self.bodies[me]), self.bodies[me].position, self.bodies[e].position
-        self.world.RayCast(nearest, eye, [eye[k] + (other[k] - eye[k]) * (1 + 1e-6) for k in range(2)])
-        return nearest.found is not None and bool(nearest.found.userData == e)
+        eye, other = self.bodies[me].position, self.bodies[e].position
+        end = [eye[k] + (other[k] - eye[k]) * (1 + 1e-6) for k in range(2)]
+        return self.cast(eye, end, self.bodies.keys() - {me})[1] == e
 
     def grazes(self, me: int, e: int) -> float:
         """Metres, by which the ray misses a corner or rim of something, or hits it beside one; the least of all."""
