@@ -1,4 +1,4 @@
-"""State of worlds: continuing is bit-identical to never having stopped; files that are not states are refused."""
+"""States of worlds and their files; that nothing differs where one goes on from them is in test_stateful.py."""
 
 import hashlib
 import io
@@ -24,8 +24,8 @@ WORLDS, STEPS = 6, 60 if COMPILED else 6
 SHORT = {"ending_limit": 25, "agents_health": 40} if COMPILED else {"ending_limit": 3}  # episodes end in between
 
 
-def make(seed: int = 1, variant: str = "teams_3", **options: Any) -> SurvivalVectorEnv:
-    env = outlast.make_vec(outlast.variant(variant).replace(**SHORT), WORLDS, seed=seed, **options)
+def make(seed: int = 1, variant: str = "teams_3") -> SurvivalVectorEnv:
+    env = outlast.make_vec(outlast.variant(variant).replace(**SHORT), WORLDS, seed=seed)
     env.reset()
     return env
 
@@ -38,23 +38,6 @@ def play(env: SurvivalVectorEnv, first: int, last: int) -> list[str]:
         observed = [*(observations[key] for key in sorted(observations)), reward, terminated, truncated]
         digests.append(digest(env.worlds) + hashlib.sha256(b"".join(part.tobytes() for part in observed)).hexdigest())
     return digests
-
-
-@pytest.mark.parametrize("autoreset", ["NextStep", "SameStep"])
-def test_going_on_is_never_having_stopped(autoreset: str) -> None:
-    env = make(autoreset_mode=autoreset)
-    play(env, 0, STEPS // 2)
-    state = env.get_state()
-    expected = play(env, STEPS // 2, STEPS)
-    env.set_state(state)
-    assert play(env, STEPS // 2, STEPS) == expected  # in the same environment
-    other = make(seed=2, autoreset_mode=autoreset, threads=2)
-    play(other, 0, 7 if COMPILED else 2)
-    other.set_state(state)
-    assert play(other, STEPS // 2, STEPS) == expected  # in one with a past of its own
-    fresh = outlast.make_vec(env.scenario, WORLDS, seed=3, autoreset_mode=autoreset)
-    fresh.set_state(state)
-    assert play(fresh, STEPS // 2, STEPS) == expected  # in one that was never reset
 
 
 CHILD = """
@@ -161,10 +144,6 @@ def with_header(**changes: Any) -> Any:
     return change
 
 
-def huge(entries: dict[str, bytes]) -> None:
-    entries["world.npy"] = entries["world.npy"].replace(b"'shape': (6,", b"'shape': (9999999999,")
-
-
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
@@ -173,9 +152,6 @@ def huge(entries: dict[str, bytes]) -> None:
         (lambda entries: entries.update({"world.npy": npy(np.zeros((6, 64), np.uint8))}), "damaged"),
         (lambda entries: entries.pop(f"{HEADER}.npy"), "not a saved state"),
         (lambda entries: entries.pop("world.npy"), "damaged"),
-        (lambda entries: entries.update({"world.npy": b"junk"}), "not a saved state"),
-        (lambda entries: entries.update({"world.npy": entries["world.npy"][:400]}), "not a saved state"),
-        (huge, "not a saved state"),
         (lambda entries: entries.update({"evil.npy": npy(np.array([{}], object))}), "not a saved state"),
     ],
 )

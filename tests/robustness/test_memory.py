@@ -1,8 +1,5 @@
 """The memory checkers: a short run is clean, and they detect a write beyond the end of a block."""
 
-import subprocess
-import sys
-
 import pytest
 
 from tests import memory
@@ -75,10 +72,3 @@ def test_what_is_not_here_is_named(capsys: pytest.CaptureFixture[str], monkeypat
     monkeypatch.setattr(memory, "run", lambda checker, steps, files: memory.Report(checker.name, "0", [], 0.0))
     assert memory.main(["valgrind"]) == 0
     assert "valgrind   not run: valgrind is not here" in capsys.readouterr().out
-
-
-def test_the_command_refuses_checkers_that_it_does_not_know() -> None:
-    command = [sys.executable, "-m", "tests.memory", "purify"]
-    done = subprocess.run(command, cwd=memory.ROOT, capture_output=True, text=True)
-    assert done.returncode == 2
-    assert "purify: choose among plain, perturbed, asan, valgrind" in done.stderr
