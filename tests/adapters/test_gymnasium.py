@@ -310,7 +310,7 @@ MADE: dict[str, tuple[dict[str, Any], type[Exception], str]] = {
         ValueError,
         f"others = 'clever': clever: {', '.join(POLICIES)} or a saved",
     ),
-    "a number for a policy": ({"others": 3}, ValueError, "others = 3: 3 is no policy"),
+    "a number for a policy": ({"others": 3}, ValueError, "others = 3: 3 is not a policy"),
 }
 
 

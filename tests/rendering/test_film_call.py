@@ -128,7 +128,7 @@ MISTAKES: dict[str, tuple[Any, dict[str, Any], type[Exception], str]] = {
     "a folder": (".." + os.sep, {}, FilmError, "it is a folder"),
     "no world of a recording": ("run.rec", {"worlds": 0}, FilmError, "worlds = 0: the recording has 3"),
     "more worlds than a recording has": ("run.rec", {"worlds": 4}, FilmError, "worlds = 4: the recording has 3"),
-    "a world of a recording": ("run.rec", {"worlds": [3]}, RecordingError, "no world 3; they are 0 to 2"),
+    "a world of a recording": ("run.rec", {"worlds": [3]}, RecordingError, "world 3 does not exist; they are 0 to 2"),
     "half a world of a recording": ("run.rec", {"worlds": [0.5]}, RecordingError, "world 0.5: integers"),
     "text for worlds of a recording": ("run.rec", {"worlds": "0"}, RecordingError, "world '0': integers"),
     "worlds of a recording": ("run.rec", {"worlds": True}, FilmError, "worlds = True: how many"),

@@ -157,7 +157,7 @@ def test_learners_are_trained_on_what_agents_remembered(dead: str) -> None:
 
 
 def test_rollouts_that_are_no_whole_chunks_are_refused() -> None:
-    with pytest.raises(TrainingError, match=r"100 steps has 25 of each world: .* multiple of 16 .* --rollout 128$"):
+    with pytest.raises(TrainingError, match=r"100 steps has 25 of .* multiple of 16, such as --rollout 128$"):
         config(rollout=100)
     config(rollout=100, memory=0)
     assert [config(memory=each).memory for each in (np.int64(16), 16.0)] == [16, 16]

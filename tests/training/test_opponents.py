@@ -90,7 +90,7 @@ def test_past_selves_are_spaced_evenly_and_kept_while_they_play() -> None:
     again.restore(given, trainer.policies, "")
     assert again.report()["games/past"] == 2 * PAST_SELVES
     for wrong in (-1, 1.5, True, None):
-        with pytest.raises(TrainingError, match="does not fit the run"):
+        with pytest.raises(TrainingError, match="do not fit the run"):
             again.restore(given | {"dropped": wrong}, trainer.policies, "")
 
 
