@@ -6,9 +6,8 @@ from typing import Any
 
 from sources import code, grid
 
-from outlast.envs.cli.grammar import Parser
+from outlast.envs.cli.grammar import Parser, sections, summaries
 from outlast.envs.cli.main import parser
-from outlast.envs.cli.overview import sections, summaries
 
 
 def commands() -> str:

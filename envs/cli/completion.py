@@ -10,8 +10,7 @@ from ..rollout.policies import POLICIES
 from ..scenarios.floor_plan import GENERATORS
 from ..scenarios.imports import installed
 from ..scenarios.variants import VARIANTS
-from .grammar import Parser
-from .overview import summaries
+from .grammar import Parser, summaries
 
 FILES = {"FILE", "FOLDER", "PATH", "RUN"}  # metavars of what is a file
 HINT = {

@@ -11,9 +11,8 @@ from outlast.ecs.kernels.errors import OutlastError
 
 from ..storage.interrupts import children_awaited, save_requests, stops_as_ctrl_c
 from . import check, completion, frames, layout, listing, models, new, numbers, play, replay, rollout, schedule
-from .grammar import Parser
+from .grammar import Parser, overview
 from .options import SIGNALLED, STOPPED, check_files, messages_shown, printable, save_scenario
-from .overview import overview
 from .streams import standard_streams
 
 COMMANDS = (listing, numbers, new, layout, schedule, check, rollout, frames, play, replay, models, completion)

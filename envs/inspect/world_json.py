@@ -11,7 +11,7 @@ agents.
 
 import functools
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 from outlast import systems
@@ -317,9 +317,11 @@ def _number(value: float) -> float:
     return round(value, DIGITS) if math.isfinite(value) else 0.0
 
 
-@dataclass(frozen=True)
-class PageEvent:
-    """An event.
+NONE = {"agent": -1, "by": -1, "side": -1, "object": -1, "cause": ""}  # of an event, what it does not have
+
+
+def events(worlds: Worlds, w: int) -> list[Json]:
+    """Return what happened in the last tick of world `w`: {kind, agent, by, side, object, cause}, in order.
 
     kind: start (of an episode), kill (a death caused by another side), death (any other death), heal, place (a box),
     use (any other item), break (a box), other (an event of a user's mechanic), end. agent: the agent that died, used an
@@ -327,45 +329,34 @@ class PageEvent:
     the only remaining side; object: the item or box. These are numbers; -1 means none or unknown. cause: for
     a death the damage type; for an end "terminated", "truncated" or "rule"; for `other` the event in words.
     """
-
-    kind: str
-    agent: int = -1
-    by: int = -1
-    side: int = -1
-    object: int = -1
-    cause: str = ""
-
-
-def events(worlds: Worlds, w: int) -> list[Json]:
-    """Return what happened in the last tick of world `w`, as dicts of PageEvent's fields, in the order of the tick."""
     scene, bodies = Scene(worlds, w), bodies_of(worlds.layout)
-    found = [] if scene[Clock].tick[0] else [PageEvent("start")]
+    found = [] if scene[Clock].tick[0] else [{"kind": "start"}]
     found += [_use(scene, bodies, event) for event in scene.events(ItemUsed)]
     found += [_break(bodies, event) for event in scene.events(BoxBroken)]
     found += [_death(scene, bodies, event) for event in scene.events(Death) if bodies.agent_number(event.agent) >= 0]
     found += [*_others(scene, bodies), *_end(scene)]
-    return [asdict(event) for event in found]
+    return [NONE | event for event in found]
 
 
-def _use(scene: Scene, bodies: Bodies, event: Any) -> PageEvent:
+def _use(scene: Scene, bodies: Bodies, event: Any) -> Json:
     kinds = {"heal": Heal, "place": BoxItem}
     kind = next((kind for kind, component in kinds.items() if event.item in scene.rows(component)), "use")
-    return PageEvent(kind, agent=bodies.agent_number(event.agent), object=bodies.object_number(event.item))
+    return {"kind": kind, "agent": bodies.agent_number(event.agent), "object": bodies.object_number(event.item)}
 
 
-def _break(bodies: Bodies, event: Any) -> PageEvent:
+def _break(bodies: Bodies, event: Any) -> Json:
     by, box = bodies.agent_number(event.by), bodies.object_number(event.box)
-    return PageEvent("break", agent=by, side=event.side, object=box)
+    return {"kind": "break", "agent": by, "side": event.side, "object": box}
 
 
-def _death(scene: Scene, bodies: Bodies, event: Any) -> PageEvent:
+def _death(scene: Scene, bodies: Bodies, event: Any) -> Json:
     cause = scene.worlds.layout.labels["damage_type"][event.damage_type] if event.damage_type >= 0 else ""
     kind = "kill" if event.side >= 0 and event.side != scene[Side].side[event.agent] else "death"
     agent, by = bodies.agent_number(event.agent), bodies.agent_number(event.by)
-    return PageEvent(kind, agent=agent, by=by, side=event.side, cause=cause)
+    return {"kind": kind, "agent": agent, "by": by, "side": event.side, "cause": cause}
 
 
-def _others(scene: Scene, bodies: Bodies) -> list[PageEvent]:
+def _others(scene: Scene, bodies: Bodies) -> list[Json]:
     """Return the events of a user's mechanics, in words; if an agent did something, it is `agent` and not in words."""
     found = []
     for kind in scene.worlds.layout.events:
@@ -383,13 +374,13 @@ def _others(scene: Scene, bodies: Bodies) -> list[PageEvent]:
             who = "" if agent >= 0 else table["who"][k]
             words = [who, kind.name.replace("_", " "), *(table[name][k] for name in ("whom", "amount", "why", "more"))]
             cause = " ".join(str(word) for word in words if word not in ("", None))
-            found.append(PageEvent("other", agent=agent, cause=cause))
+            found.append({"kind": "other", "agent": agent, "cause": cause})
     return found
 
 
-def _end(scene: Scene) -> list[PageEvent]:
+def _end(scene: Scene) -> list[Json]:
     if not scene[Clock].tick[0] or End not in scene or not (scene[End].terminated[0] or scene[End].truncated[0]):
         return []
     left = [s for s, alive in enumerate(scene[Score].alive) if alive] if Score in scene else [-1, -1]
     cause = "truncated" if not scene[End].terminated[0] else "rule" if len(left) > 1 else "terminated"
-    return [PageEvent("end", side=left[0] if len(left) == 1 else -1, cause=cause)]
+    return [{"kind": "end", "side": left[0] if len(left) == 1 else -1, "cause": cause}]

@@ -23,9 +23,8 @@ from outlast import ABLATIONS, variant
 from outlast.ecs import NumberError, Worlds
 from outlast.envs.cli import main as cli
 from outlast.envs.cli import options
-from outlast.envs.cli.grammar import Parser
+from outlast.envs.cli.grammar import SECTIONS, Parser, summaries
 from outlast.envs.cli.options import scenario
-from outlast.envs.cli.overview import SECTIONS, summaries
 from outlast.envs.rollout.policies import POLICIES
 from outlast.envs.scenarios.hide_and_seek import SCENARIOS
 from outlast.envs.scenarios.scenario import Scenario
