@@ -45,9 +45,10 @@ def visible_corners(
         counter-clockwise. Every point of the polygon can be seen from its first corner.
     """
     half, most = fov / 2, max(map(len, polygons), default=1)
-    round_ = np.array(discs, float).reshape(-1, 3)
+    round_ = _finite(np.array(discs, float).reshape(-1, 3))
     # shorter ones end in equal corners, which bound nothing
-    edged = np.array([[*each, *[each[-1]] * (most - len(each))] for each in polygons], float).reshape(-1, most, 2)
+    padded = [[*each, *[each[-1]] * (most - len(each))] for each in polygons]
+    edged = _finite(np.array(padded, float).reshape(-1, most, 2))
     middles = edged.mean(1)
     bounds = np.hypot(*(edged - middles[:, None]).transpose(2, 0, 1)).max(1)
     edged = edged[_near(middles, bounds, x, y, angle, half, depth)]
@@ -61,8 +62,14 @@ def visible_corners(
     return np.concatenate([[(x, y)], (x, y) + reach[:, None] * rays])
 
 
+def _finite(bodies: Array) -> Array:
+    """Return those of the bodies, (bodies, ...), all of whose numbers are finite."""
+    finite: Array = bodies[np.isfinite(bodies).all(tuple(range(1, bodies.ndim)))]
+    return finite
+
+
 def _near(middles: Array, bounds: Array, x: float, y: float, angle: float, half: float, depth: float) -> Array:
-    """Return which bodies may reach into the cone, bool (bodies,); not those with NaNs."""
+    """Return which bodies may reach into the cone, bool (bodies,)."""
     to_x, to_y = middles[:, 0] - x, middles[:, 1] - y
     ahead, aside = math.cos(angle) * to_x + math.sin(angle) * to_y, math.cos(angle) * to_y - math.sin(angle) * to_x
     beside = math.cos(half) * np.abs(aside) - math.sin(half) * ahead  # metres outwards from the nearer edge of the cone
