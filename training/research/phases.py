@@ -51,7 +51,7 @@ def add(commands: Any) -> None:
 
 def play(scenario: Scenario, folder: Path, episodes: int) -> Cells:
     """Play all checkpoints of a run against each other, and themselves. What never happens is left out."""
-    paths = {str(int(found[1])): path for path in checkpoints(folder) if (found := STEPS.fullmatch(path.name))}
+    paths = {str(int(name[1])): path for path in checkpoints(folder) if (name := STEPS.fullmatch(path.name))}
     if len(paths) < 2:
         raise TrainingError(f"{folder} has {len(paths)} checkpoint: train it with --every, to keep several")
     found, steps = evaluate(scenario, paths, episodes=episodes, worlds=256, quiet=True), [*map(int, paths)]
@@ -102,15 +102,19 @@ def report(name: str, cells: Cells) -> str:
     """Return the tables of a run."""
     steps = sorted({hiders for hiders, _ in cells})
     heads = [f"{each / MILLION:.0f} M" for each in steps]
-    matrix = [(head, *(cells[one, other][FIGURE] for other in steps)) for head, one in zip(heads, steps, strict=True)]
+    matrix = [[cells[one, other][FIGURE] for other in steps] for one in steps]
     names = list(cells[steps[0], steps[0]])
-    own = [(head, *(cells[each, each][name] for name in names)) for head, each in zip(heads, steps, strict=True)]
+    own = [[cells[each, each][name] for name in names] for each in steps]
     lines = []
     for side, which in ((HIDERS, "hiders"), (SEEKERS, "seekers")):
         more, less, of = changes(cells, side)
         lines.append(f"against the same opponent, later {which}: seen more {more}, seen less {less}, of {of} pairs")
-    tables = ((matrix, ("hiders, seekers", *heads)), (own, ("itself", *names)))
-    parts = [text_table([(row[0], *map(_text, row[1:])) for row in table], head, left=1) for table, head in tables]
+    parts = [
+        text_table(
+            [(head, *map(_text, row)) for head, row in zip(heads, table, strict=True)], (about, *columns), left=1
+        )
+        for table, about, columns in ((matrix, "hiders, seekers", heads), (own, "itself", names))
+    ]
     return "\n\n".join([f"{name}: {FIGURE}", parts[0], "\n".join(lines), parts[1]])
 
 
