@@ -13,6 +13,7 @@ from outlast.ecs import NumberError
 from outlast.envs.scenarios.hide_and_seek import HIDE_SMALL
 from outlast.envs.scenarios.transfer import BLUEPRINT, LOCK_AND_RETURN, SCENARIOS, SEQUENTIAL_LOCK
 from outlast.systems.hide_and_seek import Blueprint, Locking
+from tests.conftest import COMPILED
 from tests.helpers.naive_geometry import ray_box, ray_circle
 
 IDLE, LOCK, UNLOCK = (3, 3, 3, 0, 1), (3, 3, 3, 0, 2), (3, 3, 3, 0, 0)
@@ -168,4 +169,4 @@ def test_networks_of_hiders_fit(scenario):
     game, task = outlast.make_vec(HIDE_SMALL, 1), outlast.make_vec(scenario, 1)
     assert {key: list(own) for key, own in task.fields.items()} == {key: list(own) for key, own in game.fields.items()}
     assert task.action_sizes.tolist() == game.action_sizes.tolist()
-    assert outlast.check(scenario) == []
+    assert not COMPILED or outlast.check(scenario) == []  # uncompiled, it takes minutes
