@@ -14,7 +14,7 @@ from sources import code, grid
 
 import outlast
 from outlast import systems
-from outlast.training.base.tables import NONE
+from outlast.training.base.tables import NONE, pivot
 from outlast.training.plots.plot import compare
 from outlast.training.research.claims import claims_table, findings
 from outlast.training.research.experiments import Experiment, experiments
@@ -157,6 +157,32 @@ def mended(*games: str) -> str:
     first, *others = zip(heads, *columns, strict=True)
     numbers = ([float(cell.split()[0].replace(",", "")) for cell in row[1:] if cell != NONE] for row in others)
     return grid(list(first), [list(row) for row, own in zip(others, numbers, strict=True) if any(own)])
+
+
+def long_run(name: str) -> str:
+    """A file of results/long_run: figures or cross-play of the checkpoints of each run, or best responses to some."""
+    with (RESULTS / "long_run" / f"{name}.csv").open(newline="") as file:
+        found = list(csv.reader(file))[1:]
+    if name == "responses":
+        found.sort(key=lambda row: int(row[3]))  # so that its columns ascend
+    rows = [[*map(_millions, row[:-2]), *row[-2:]] for row in found]
+    if name == "responses":
+        begins = {"no": "begun anew", "yes": "begun with its weights"}
+        rows = [[f"{run}, {against}, {begins[warm]}", steps, *wins] for _, run, against, steps, warm, *wins in rows]
+        return _pivoted(rows, 0, 1, "games won against")
+    down, across, about = (2, 1, "") if name == "figures" else (1, 2, "games won of, against")
+    runs = dict.fromkeys(row[0] for row in rows)
+    return "\n\n".join(_pivoted([row for row in rows if row[0] == run], down, across, about or run) for run in runs)
+
+
+def _millions(cell: str) -> str:
+    """Return agent-steps in millions, and any other cell as it is."""
+    return f"{int(cell) / 1e6:.0f} M" if cell.isdecimal() else cell
+
+
+def _pivoted(rows: list[list[str]], down: int, across: int, about: str) -> str:
+    heads, lines = pivot(rows, down, across)
+    return grid([about, *heads], lines)
 
 
 def compared_runs() -> str:

@@ -56,6 +56,7 @@ TABLES: dict[str, Callable[..., str]] = {
         evidence.ends,
         evidence.compared_runs,
         evidence.mended,
+        evidence.long_run,
     )
 }
 

@@ -31,6 +31,7 @@ from .corrected_games import BY_AGENTS, BY_SIDES, EPISODES, SCRIPTED, SELF_PLAY
 from .teamwork import Teamwork
 
 WORLDS = 128
+TWICE = 1.95  # as the steps of checkpoints are rounded up to rollouts
 COUNTED = SELF_PLAY | {
     "heals_of_mates": ("used, picked up by a mate", BY_AGENTS),
     "heals_held": ("heals held", 1),
@@ -82,11 +83,11 @@ def chosen(run: Path) -> list[Path]:
     saved = checkpoints(run)
     if not saved:
         raise TrainingError(f"{run} has no checkpoint")
-    found, least = list[Path](), 0
+    found, least = list[Path](), 0.0
     for path in saved:
         if _steps(path) >= least or path == saved[-1]:
             found.append(path)
-            least = 2 * _steps(path)
+            least = TWICE * _steps(path)
     return found
 
 
