@@ -155,7 +155,7 @@ RESTS: dict[str, tuple[Callable[[Any], Any], str]] = {
     ),
     "no generator": (lambda rest: rest["learners"][0].pop("minibatches"), "does not fit the run"),
     "no moment": (lambda rest: rest["learners"][0]["optimiser"]["0"].pop("step"), "optimiser 0 in .* does not fit the"),
-    "a shape": (lambda rest: moment(rest, "exp_avg", torch.zeros(3)), r"optimiser 0 exp_avg .*\(3,\): .* is needed"),
+    "a shape": (lambda rest: moment(rest, "exp_avg", torch.zeros(3)), r"optimiser 0 exp_avg .*\(3,\): it must be"),
     "a type": (lambda rest: moment(rest, "step", torch.zeros((), dtype=torch.int64)), "step .* is torch.int64"),
     "a time": (lambda rest: moment(rest, "step", torch.tensor(float("nan"))), "optimiser 0 step .* is not finite"),
     "the past": (lambda rest: moment(rest, "step", torch.tensor(-1.0)), "step of parameter 0 .* is -1"),
@@ -167,10 +167,10 @@ RESTS: dict[str, tuple[Callable[[Any], Any], str]] = {
     "rewards": (lambda rest: rest.update(rewards=[1.0]), NO_REWARDS),
     "more rewards": (lambda rest: rewards(rest, more=1.0), NO_REWARDS),
     "fewer rewards": (lambda rest: rest["rewards"].pop("mean"), NO_REWARDS),
-    "sums": (lambda rest: rewards(rest, sums=[0.0] * 7), r"rewards sums .* \(7,\): .* \(8,\) is needed"),
+    "sums": (lambda rest: rewards(rest, sums=[0.0] * 7), r"rewards sums .* \(7,\): .* \(8,\)"),
     "no sums": (lambda rest: rest["rewards"].update(sums=0.0), "rewards sums in rest.safetensors .* is no tensor"),
     "a kind of mean": (lambda rest: rest["rewards"].update(mean=torch.tensor(0.0)), "mean .* is torch.float32"),
-    "many means": (lambda rest: rewards(rest, mean=[0.0, 0.0]), r"rewards mean .* \(2,\): .* \(\) is needed"),
+    "many means": (lambda rest: rewards(rest, mean=[0.0, 0.0]), r"rewards mean .* \(2,\): .* \(\)"),
     "a large sum": (lambda rest: rewards(rest, sums=[0.0] * 7 + [1e300]), "rewards sums .* beyond -1e\\+30 to"),
     "an endless sum": (lambda rest: rewards(rest, sums=[np.inf] * 8), "rewards sums .* is not finite"),
     "no number": (lambda rest: rewards(rest, mean=np.nan), "rewards mean .* is not finite"),
@@ -295,7 +295,7 @@ def test_each_tensor_has_a_place(trainer: Trainer, files: Files, what: str) -> N
 @pytest.mark.parametrize("name", [WEIGHTS, REST])
 def test_what_is_no_safetensors_is_refused(trainer: Trainer, files: Files, name: str, tmp_path: Path) -> None:
     for content in (b"", pickle.dumps({"a": 1}), files[name][:-1], files[name] + b"x"):
-        with pytest.raises(TrainingError, match=rf"{name} of the checkpoint is not"):
+        with pytest.raises(TrainingError, match=rf"{name} of the checkpoint (is|does) not"):
             resume.restore(trainer, files | {name: content})
     checkpoint.write_checkpoint(tmp_path / "a.zip", files | {WEIGHTS: b"x"})
     with pytest.raises(TrainingError, match=r"a\.zip is not a checkpoint: policy.safetensors in it is not a policy: "):
@@ -310,8 +310,8 @@ def test_weights_of_something_else_are_refused(trainer: Trainer, files: Files) -
         (few, "does not hold the weights of this policy"),
         (weights | {"x": torch.zeros(3)}, "does not hold the weights of this policy"),
         (weights | {"actor.last.bias": torch.zeros(3)}, r"actor.last.bias in policy.safetensors of .* \(3,\)"),
-        (weights | {"actor.first.weight": first.double()}, "actor.first.weight .* is torch.float64 .* is needed"),
-        (weights | {"actor.first.weight": first.half()}, "actor.first.weight .* is torch.float16 .* is needed"),
+        (weights | {"actor.first.weight": first.double()}, "actor.first.weight .* is torch.float64 .*: it must be"),
+        (weights | {"actor.first.weight": first.half()}, "actor.first.weight .* is torch.float16 .*: it must be"),
         (weights | {"actor.first.weight": first * 1e38}, "are NaN or beyond 1000"),
         (weights | {"actor.first.weight": first * np.nan}, "are NaN or beyond 1000"),
     ):

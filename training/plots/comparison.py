@@ -10,7 +10,7 @@ import numpy as np
 
 from ..base.curves import end_value, interval
 from ..base.tables import csv_text, digits, markdown_table, number
-from .groups import RunGroup, common, untold
+from .groups import RunGroup, common, unnamed
 from .panels import Panel, drawn
 from .runs import PRESET, SCENARIO, Run
 
@@ -71,8 +71,8 @@ class Comparison:
     def notes(self) -> list[str]:
         """Return notes for the reader: runs averaged although they differ, and unfinished runs."""
         notes = [f"{group.label}: averaged over {', '.join(group.mixed)}, too" for group in self.groups if group.mixed]
-        told = {*self.groups[0].values, *(name for group in self.groups for name in group.mixed)}
-        notes += [f"Groups differ in {', '.join(unsaid)}, too"] if (unsaid := untold(self.runs, told)) else []
+        given = {*self.groups[0].values, *(name for group in self.groups for name in group.mixed)}
+        notes += [f"Groups differ in {', '.join(others)}, too"] if (others := unnamed(self.runs, given)) else []
         later = [run for group in self.groups for run in group.runs[1:]]
         choosers = {str(run.plan["levels"]) for run in later if run.plan.get("levels")}
         notes += [f"Runs differ only in the function that chooses levels: {', '.join(sorted(choosers))}"] * bool(

@@ -63,7 +63,7 @@ def group_runs(runs: Sequence[Run], by: Sequence[str] = ()) -> list[RunGroup]:
 
 def _group(runs: Sequence[Run], values: dict[str, str]) -> RunGroup:
     ordered = sorted(runs, key=lambda run: run.seed)
-    mixed = untold(ordered)
+    mixed = unnamed(ordered)
     for one, other in itertools.pairwise(ordered if not mixed else ()):
         check_seeds(one, other)
     return RunGroup(tuple(ordered), values, tuple(mixed))
@@ -97,19 +97,19 @@ def telling(runs: Sequence[Run]) -> list[str]:
     return chosen
 
 
-def untold(runs: Sequence[Run], told: Collection[str] = ()) -> list[str]:
-    """Return settings in which runs differ, without those of `told` and those implied by them.
+def unnamed(runs: Sequence[Run], named: Collection[str] = ()) -> list[str]:
+    """Return settings in which runs differ, without those of `named` and those implied by them.
 
     With a game's name come its numbers, or the other way round; with a preset comes OF_PRESET.
     """
-    names = [name for name in differing(runs) if name not in told]
+    names = [name for name in differing(runs) if name not in named]
     numbers = {name for name in names if any(name in run.numbers for run in runs)}
     follow = set[str]()
-    if SCENARIO in (*told, *names):
+    if SCENARIO in (*named, *names):
         follow |= numbers or {SCENARIO}
-    if PRESET in (*told, *names):
+    if PRESET in (*named, *names):
         follow |= OF_PRESET
-    if {SCENARIO, PRESET, "agents_count"} & {*told, *names}:
+    if {SCENARIO, PRESET, "agents_count"} & {*named, *names}:
         follow |= {"worlds"}  # a preset has fewer worlds for more agents
     return [name for name in names if name not in follow]
 

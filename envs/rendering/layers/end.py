@@ -49,8 +49,8 @@ def winner(scene: Scene) -> int | None:
     """Return the side that came farther than all others, after the last tick of an episode; or None."""
     if not _rivals(scene):
         return None
-    told = scene[Outcome].outcome if Outcome in scene else None
-    come = _lived(scene) if told is None else {side: float(told[side]) for side in _sides(scene)}
+    outcomes = scene[Outcome].outcome if Outcome in scene else None
+    come = _lived(scene) if outcomes is None else {side: float(outcomes[side]) for side in _sides(scene)}
     best = max(come.values())
     first, *others = (side for side, each in come.items() if each == best)
     return None if others else first
