@@ -242,12 +242,12 @@ def test_what_is_no_group_of_runs_is_refused(tmp_path: Path) -> None:
     one = folder(tmp_path / "one")
     refused(
         [one, folder(tmp_path / "a", seed=1, dead="drop")],
-        "dead is keep in .*one and drop in .*a; `outlast plot` compares them",
+        "dead is keep in .*one but drop in .*a; `outlast plot` compares them",
     )
-    refused([one, folder(tmp_path / "b", seed=1, settings={"gamma": 0.9})], "gamma is 0.99 in .*one and 0.9 in .*b")
+    refused([one, folder(tmp_path / "b", seed=1, settings={"gamma": 0.9})], "gamma is 0.99 in .*one but 0.9 in .*b")
     refused(
         [one, folder(tmp_path / "c", {"safe_zone_damage": 2}, seed=1)],
-        "safe_zone_damage is 1 in .*one and 2 in .*c",
+        "safe_zone_damage is 1 in .*one but 2 in .*c",
     )
     refused([one, folder(tmp_path / "d")], "are the same run, or both of seed 0: give one")
     assert len(load_runs([one, tmp_path / "one"])) == 1  # a place that is named twice
@@ -429,7 +429,7 @@ def test_what_is_refused_leaves_nothing(tmp_path: Path) -> None:
     before = keep(tmp_path / "kept", "ffa_2", dead="drop")
     content = (tmp_path / "kept" / FILE).read_bytes()
     mine = keep(tmp_path / "one", "ffa_2")
-    with pytest.raises(TrainingError, match=r"keeps another ffa_2-original-0: dead is drop in .*kept.* and keep in"):
+    with pytest.raises(TrainingError, match=r"keeps another ffa_2-original-0: dead is drop in .*kept.* but keep in"):
         outlast_plot(mine, "--out", tmp_path / "out", "--keep", tmp_path / "kept")
     with pytest.raises(TrainingError, match="dead is keep in"):
         outlast_plot(mine, before, "--out", tmp_path / "out")
