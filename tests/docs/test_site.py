@@ -262,10 +262,13 @@ def films() -> dict[str, list[str]]:
     return dict(script().films())
 
 
+LEARNED = {"hide_small.gif"}  # played by networks, whose actions may differ where another processor rounds otherwise
+
+
 def test_pictures_are_small_and_shown() -> None:
     files = {file.name: file.stat().st_size for file in (DOCS / "pictures").iterdir()}
     drawn, taken = ({f"{name}.png" for name in pictures(which)} for which in ("PICTURES", "SCREENSHOTS"))
-    assert files.keys() == drawn | taken | films().keys()
+    assert files.keys() == drawn | taken | films().keys() | LEARNED
     assert max(files[name] for name in drawn) < LARGEST_PICTURE
     assert max(files[name] for name in taken) < 2 * LARGEST_PICTURE
     assert max(files.values()) < LARGEST_FILM
