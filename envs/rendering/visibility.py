@@ -108,7 +108,7 @@ def polygon_hits(rays: Array, polygons: Array, x: float, y: float) -> Array:
     along = np.roll(polygons, -1, 1) - polygons
     normals = np.stack([along[..., 1], -along[..., 0]], -1)
     ahead = ((polygons - (x, y)) * normals).sum(-1)  # how far outside each side the origin is, negative
-    speed = np.einsum("rd,pkd->rpk", rays, normals)
+    speed = (rays @ normals.reshape(-1, 2).T).reshape(len(rays), *ahead.shape)
     at = ahead / np.where(speed == 0, TINY, speed)
     enter = np.where(speed < 0, at, -math.inf).max(-1)
     leave = np.where(speed > 0, at, math.inf).min(-1)
