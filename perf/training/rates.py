@@ -131,7 +131,7 @@ def watch(trainer: Trainer, clock: Stopwatch) -> None:
     """Put a clock on the parts of a trainer."""
     lane = trainer.lane
     clock.wrap("worlds", lane.env, "step", "reset")
-    clock.wrap("observations", lane, "_seen", "_lists")
+    clock.wrap("observations", lane, "observe")
     clock.wrap("networks", lane, "noise")
     clock.wrap("statistics", lane.behaviour, "after_step")
     clock.wrap("statistics", lane.episodes, "add")

@@ -148,7 +148,7 @@ def gradients(policy: Any, seen: Any) -> list[Any]:
 
 
 def test_rows_of_nobody_change_no_number(played: tuple[Trainer, Any]) -> None:
-    policy, seen = played[0].policies[0], played[1].seen
+    policy, (seen,) = played[0].policies[0], played[1].seen.values()
     filled, blind = seen.filled(), Rows(seen.own[:3], seen.entities[:0], torch.zeros(3, dtype=torch.long))
     assert (len(filled.entities) % FILL, len(filled.pairs[0]) % FILL) == (0, 0)
     assert len(filled.entities) > len(seen.entities)
@@ -158,7 +158,7 @@ def test_rows_of_nobody_change_no_number(played: tuple[Trainer, Any]) -> None:
 
 @pytest.mark.parametrize("size", [1, 2, 100, 512])
 def test_minibatches_of_filled_rows_are_those_of_others(played: tuple[Trainer, Any], size: int) -> None:
-    policy, seen = played[0].policies[0], played[1].seen
+    policy, (seen,) = played[0].policies[0], played[1].seen.values()
     part = torch.randperm(len(seen), generator=torch.Generator().manual_seed(size))[:size]
     one, other = seen.filled().select(part), seen.select(part)
     assert (len(one.entities) % FILL, len(one.pairs[0]) % FILL) == (0, 0)
@@ -205,7 +205,7 @@ def test_graphs_read_the_minibatch_that_they_are_asked_for(changes: dict[str, An
     monkeypatch.setattr(torch.cuda, "device", contextlib.nullcontext)
     one = trainer(**changes)
     learner, rollout = one.learners[0], one.collect()
-    samples = (Chunks if learner.policy.memory else Samples)(rollout, 0, torch.device("cpu"))
+    samples = (Chunks if learner.policy.memory else Samples)(rollout, 0, one.preset.form, torch.device("cpu"))
     samples.seen = samples.seen.filled()
     graphed = cuda_graph.GraphedGradients(torch.device("cpu"))
     parts = torch.randperm(len(samples.units), generator=torch.Generator().manual_seed(0)).tensor_split(4)

@@ -152,7 +152,7 @@ def test_weights_of_other_scales_are_the_same_function(critic: str, tmp_path: Pa
     outputs = []
     for trainer in (plain, large):
         trainer.take_weights()
-        seen = plain.lane._seen(plain.env.observe())
+        (seen,) = plain.lane.observe().values()
         if critic == "state":
             seen.state *= torch.from_numpy(plain.state_scale / trainer.state_scale)
         with torch.no_grad():
