@@ -53,7 +53,9 @@ class Pickup(Module):
         return [ItemPicked()]
 
     def scratch(self, name: str, dims: dict[str, int]) -> Any:
-        return np.zeros(dims["rows"], np.uint8)  # near: whether each holder of a bag has an item in reach
+        if name == "near":  # whether each holder of a bag has an item in reach
+            return np.zeros(dims["rows"], np.uint8)
+        return np.zeros(dims["rows"], np.int32)  # living: indices of living holders
 
 
 @Pickup.system(Phase.PICKUP)
@@ -67,15 +69,16 @@ def pick_up(
     agents: Rows[Bag],
     items: Bitset[Item],
     near: Scratch,
+    living: Scratch,
     reach: float,
     touch: bool,
 ) -> None:
     """Pick up items, in order of agents, then of items; items that do not fit stay on the ground."""
-    if not find_near(near, body, shape, entities, agents, items, reach, touch):
+    if not find_near(near, living, body, shape, entities, agents, items, reach, touch):
         return
     for i in range(agents.size):
         e = agents[i]
-        for b in range(items.size if near[i] and entities.alive[e] else 0):
+        for b in range(items.size if near[i] else 0):
             pending = alive_bits(entities, items, b) & in_reach(load_discs(body, shape, b, touch), body, e, reach)
             while pending:
                 row = first_row(b, pending)
@@ -88,24 +91,32 @@ def pick_up(
 
 @kernel
 def find_near(
-    near: Array, body: Array, shape: Array, entities: Array, agents: Array, items: Array, reach: Any, touch: bool
+    near: Array,
+    living: Array,
+    body: Array,
+    shape: Array,
+    entities: Array,
+    agents: Array,
+    items: Array,
+    reach: Any,
+    touch: bool,
 ) -> bool:
-    """Mark the agents with an item in reach, and return whether there are any, which is rare.
+    """Mark the living agents with an item in reach, and return whether there are any, which is rare.
 
-    Each block of items is loaded once, and tested against all agents.
+    Each block of items is loaded once, and tested against all of them.
     """
+    some = count = 0
     for i in range(agents.size):
-        near[i] = 0
-    some = 0
+        near[i], living[count] = 0, i
+        count += entities.alive[agents[i]] != 0
     for b in range(items.size):
         there = alive_bits(entities, items, b)
         if there:
             discs = load_discs(body, shape, b, touch)
-            for i in range(agents.size):
-                e = agents[i]
-                found = there & in_reach(discs, body, e, reach)
-                near[i] |= found != 0
-                some |= found if entities.alive[e] else 0
+            for k in range(count):
+                found = there & in_reach(discs, body, agents[living[k]], reach)
+                near[living[k]] |= found != 0
+                some |= found
     return some != 0
 
 
