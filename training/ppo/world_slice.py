@@ -302,16 +302,16 @@ class Lane:
 
     def observe(self) -> dict[Form, Observed]:
         """Return what all agents observe now, as networks take it, with the state if critics learn from it."""
-        seen = {form: packer(self._observations(form)) for form, packer in self.packers.items()}
+        lists = None if all(form.leaky for form in self.packers) else self._lists()  # once, whatever number of forms
+        seen = {
+            form: packer(self.env._reader.views if lists is None or form.leaky else lists)
+            for form, packer in self.packers.items()
+        }
         if self.overview is not None:
             state = self.overview(slice(None)) / self.overview.scale
             for each in seen.values():
                 each.state = torch.from_numpy(state.repeat(self.env.num_agents, 0))
         return seen
-
-    def _observations(self, form: Form) -> Mapping[str, Array]:
-        """Return what all agents observe now, with lists of rows unless networks take padded ones."""
-        return self.env._reader.views if form.leaky else self._lists()
 
     def _part(self, seen: Mapping[Form, Observed], group: AgentGroup, policy: Networks) -> Observed:
         """Return what some of the agents observe, in the form that their networks take."""
