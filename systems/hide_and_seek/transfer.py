@@ -207,15 +207,9 @@ def pay_rays(
     far, arrive = HALF * EDGE * np.float32(room_size), 0
     for k in range(4 * rays):
         along = far * (np.float32(2) * np.float32(k // 4) / np.float32(rays) - np.float32(1))
-        x, y = (
-            (along, -far)
-            if k % 4 == 0
-            else (far, along)
-            if k % 4 == 1
-            else (-along, far)
-            if k % 4 == 2
-            else (-far, -along)
-        )
+        x, y = along, -far
+        for _ in range(k % 4):  # quarter turns
+            x, y = -y, x
         found, _ = first_on_ray(bodies, bodies.members, x, y, -x, -y, NOBODY)
         arrive += found == targets[0]
     reward.reward[0] = -hit * np.float32(arrive) / np.float32(4 * rays) if clock.tick[0] > 0 else 0
