@@ -6,6 +6,7 @@ has an attacker; those that are not part of it are far behind. The solution of a
 or a function like these, passes it.
 """
 
+import contextlib
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -24,21 +25,23 @@ from outlast.envs.rollout.styles import AIMED, STRIKE, SWEEP, Intent, Seen, clos
 from outlast.envs.scenarios.scenario import Scenario
 
 from ..arena.players import Contender
+from .tasks import SEEDS
 
 Array = np.ndarray[Any, Any]
-WORLDS, SEED = 64, 2**62 + 63  # games of a situation, and the seed of their worlds, which no training may have
+WORLDS, SEED = 64, SEEDS[-1]  # games of a situation, and the seed of their worlds, which training may not use
 MIDDLE = 1.0  # metres: the first agent begins at most so far from the middle of the room, along both axes
 AWAY, APART = -10.5, 1.5  # metres: where agents wait that are not part of a scene, and how far from each other
 WEAK, HURT, FULL = 10, 30, 100  # hit points
 FAR = 3.0  # metres: beyond what an agent slows down for
-SHARE = 0.9  # of all games: who passes so many passes the situation
+SHARE = 0.9  # of the games: a policy that passes at least so many passes the situation
+OPEN, FIXED = "open floor", "fixed number of agents"  # what every situation needs
 
 
 class Scene:
     """A situation in worlds that have been reset, seen from the first agent: `ahead` of it, and to its `left`.
 
     Attributes:
-        me: The agent that is tested, 0, and its row.
+        me: Number of the agent that is tested: 0.
         mates: Numbers of the agents of its side.
         enemies: Numbers of all others.
     """
@@ -144,8 +147,8 @@ class Situation:
         layout, numbers = env.worlds.layout, env.scenario.numbers()
         spans, sides = layout.spans, side(env.worlds)[0]
         there = {
-            "open floor": not len(layout.rows(Wall)),
-            "fixed number of agents": len(layout.agent_counts) == 1,
+            OPEN: not len(layout.rows(Wall)),
+            FIXED: len(layout.agent_counts) == 1,
             "heal": len(spans.get("heal", ())) > 0,
             "box": len(spans.get("box", ())) > 0,
             "mate": int((sides == sides[0]).sum()) > 1,
@@ -153,7 +156,7 @@ class Situation:
             "cap": numbers.get("mortality_limit", 0) > 0,
             "zone": "safe_zone" in env.scenario,
         }
-        return next((need for need in (*list(there)[:2], *self.needs) if not there[need]), "")
+        return next((need for need in (OPEN, FIXED, *self.needs) if not there[need]), "")
 
 
 def weakest(seen: Seen) -> Intent:
@@ -180,7 +183,7 @@ def fleeing(seen: Seen) -> Intent:
     """Run straight away from the nearest enemy in sight, and keep it in sight."""
     enemy = seen.nearest("others", seen.enemies)
     away = seen.position + FAR * unit(seen.position - enemy.place)
-    return Intent(np.where(enemy.seen[..., None], away, seen.position), seen.towards(enemy, SWEEP), enemy.distance < 0)
+    return Intent(np.where(enemy.seen[..., None], away, seen.position), seen.towards(enemy, SWEEP), attack=False)
 
 
 def covering(seen: Seen) -> Intent:
@@ -189,7 +192,7 @@ def covering(seen: Seen) -> Intent:
     error = seen.towards(enemy, SWEEP)
     behind = box.place + unit(box.place - enemy.place)
     goal = np.where((box.seen & enemy.seen & ~armed)[..., None], behind, seen.position)
-    return Intent(goal, error, enemy.distance < 0, armed & enemy.seen & (np.abs(error) < AIMED / 2))
+    return Intent(goal, error, attack=False, use=armed & enemy.seen & (np.abs(error) < AIMED / 2))
 
 
 def _mate(scene: Scene) -> int:
@@ -325,58 +328,62 @@ def attempt(
 ) -> Array | str:
     """Play a situation. Raises TrainingError: the policy cannot play in this game.
 
-    contender: Who plays; None: the solution. Returns in which worlds it passed, bool (worlds,); or what the game lacks.
+    contender: The policy; None: the solution. Returns whether it passed in each world, bool (worlds,), or what
+    the game lacks.
     """
     saved = [contender.player] if contender is not None and contender.player is not None else []
-    env = outlast.make_vec(common_scenario(scenario, saved), worlds, seed=SEED, autoreset_mode="Disabled")
-    env.reset(seed=SEED)
-    if lacking := situation.lacks(env):
-        return lacking
+    game = common_scenario(scenario, saved)
+    with contextlib.closing(outlast.make_vec(game, worlds, seed=SEED, autoreset_mode="Disabled")) as env:
+        env.reset(seed=SEED)
+        return situation.lacks(env) or _play(situation, env, contender)
+
+
+def _play(situation: Situation, env: SurvivalVectorEnv, contender: Contender | None) -> Array:
+    """Return in which worlds a policy, or the solution, passes, bool (worlds,). env: Just reset."""
     if contender is not None:
         contender.check(env)
     solution = _style(situation.solution, env)
     act = contender.act(env, SEED, keyed=True) if contender else lambda seen, where: solution(seen)[where]
-    scene = Scene(env, SEED)
-    known, every = situation.arrange(scene), np.arange(worlds)
     attacker = _style(situation.attacker, env) if situation.attacker else None
-    done, found = np.zeros(worlds, bool), np.zeros(worlds, bool)
+    scene, worlds = Scene(env, SEED), env.num_worlds
+    known, me = situation.arrange(scene), (np.arange(worlds), np.full(worlds, scene.me))
+    done, found = np.zeros((2, worlds), bool)
     for tick in range(situation.ticks):
         actions = np.tile(env.noop, (worlds, env.num_agents, 1))
-        if tick:  # what has been put into the worlds is seen from the second tick on
-            seen, me = env.observe(), (every, np.full(worlds, scene.me))
+        if tick:  # the scene is observed from the second tick on
+            seen = env.observe()
             actions[me] = act(seen, me)
             if attacker is not None:
-                enemy = scene.enemies[0]
-                actions[:, enemy] = attacker(seen)[:, enemy]
+                actions[:, scene.enemies[0]] = attacker(seen)[:, scene.enemies[0]]
         _, _, terminated, truncated, _ = env.step(actions)
-        now = np.asarray(situation.passed(scene, known), bool)
+        now = situation.passed(scene, known)
         found = np.where(done, found, now if situation.lasting else found | now)
-        if (over := (terminated | truncated)).any():
+        if (over := terminated | truncated).any():  # what comes after an episode does not count
             done |= over
             env.reset(options={"reset_mask": over})
         if done.all():
             break
-    env.close()
     return found
 
 
 def table(scenario: Scenario, policies: Sequence[Contender], progress: Callable[[int], None]) -> list[tuple[str, ...]]:
     """Return a row for each situation: its name, and the share of worlds in which its solution and each policy pass.
 
-    A situation that cannot be played in the game has a row of what the game lacks. The last row counts what is passed,
-    in SHARE of the worlds at least. progress: Called with 1 for each policy of each situation.
+    The row of a situation that the game lacks something for says what. The last row counts the situations passed, in at
+    least SHARE of the worlds. progress: Called with 1 for each policy of each situation.
     """
-    rows, passed = list[tuple[str, ...]](), np.zeros(1 + len(policies), int)
+    rows, shares = list[tuple[str, ...]](), list[list[float]]()
     for situation in SITUATIONS:
-        shares = list[float]()
+        found = list[Array]()
         for contender in (None, *policies):
-            found = attempt(situation, scenario, contender)
-            shares += [] if isinstance(found, str) else [float(found.mean())]
+            played = attempt(situation, scenario, contender)
             progress(1)
-        lacking = [f"no {found}"] if isinstance(found, str) else []
-        rows.append(
-            (situation.name, *(lacking or (f"{share:.2f}" for share in shares)), *[""] * len(lacking and policies))
-        )
-        passed += [share >= SHARE for share in shares] or 0
-    played = sum(not row[1].startswith("no ") for row in rows)
-    return [*rows, ("passed", *(f"{count} of {played}" for count in passed))]
+            if isinstance(played, str):
+                rows.append((situation.name, f"no {played}", *[""] * len(policies)))
+                break
+            found.append(played)
+        else:
+            shares.append([float(each.mean()) for each in found])
+            rows.append((situation.name, *(f"{share:.2f}" for share in shares[-1])))
+    passed = (np.array(shares).reshape(-1, 1 + len(policies)) >= SHARE).sum(0)
+    return [*rows, ("passed", *(f"{count} of {len(shares)}" for count in passed))]
