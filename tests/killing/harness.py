@@ -82,6 +82,7 @@ class Writer:
         resume: More words for a run that goes on from a product that is there.
         keeps: It overwrites nothing: what is there has to go out of the way first.
         variables: Additional environment variables.
+        needs: Libraries that not every installation has.
     """
 
     name: str
@@ -93,6 +94,7 @@ class Writer:
     resume: str = ""
     keeps: bool = False
     variables: Mapping[str, str] = field(default_factory=dict)
+    needs: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -83,13 +83,12 @@ def same_minari(path: Path, expected: Path) -> None:
     assert len(list(one.iterate_episodes())) == len(list(other.iterate_episodes()))
 
 
-def replayed(name: str, product: str, option: str, whole: Comparison, keeps: bool = True) -> Writer:
+def replayed(name: str, product: str, option: str, whole: Comparison, **more: Any) -> Writer:
     """outlast replay, of a recording that is made first. Datasets are not overwritten."""
     command = f"outlast replay {{folder}}/a.rec {option} --quiet"
     variables = {"MINARI_DATASETS_PATH": "{folder}/minari"}
-    return Writer(
-        f"replay {name}", command, product, whole, prepare=prepare_recording, keeps=keeps, variables=variables
-    )
+    given: dict[str, Any] = {"prepare": prepare_recording, "keeps": True, "variables": variables}
+    return Writer(f"replay {name}", command, product, whole, **(given | more))
 
 
 # ---- films
@@ -240,13 +239,17 @@ EVALUATE = (
     "outlast evaluate ffa_1 scripted noop --set safe_zone_damage=50 --set safe_zone_stand=10 --set safe_zone_shrink=5 "
     "--worlds 8 --episodes 64 --quiet --out {out}"
 )
-TABLES = {"product": "out", "whole": partial(same_files, equal=whole_table)}
+TABLES: dict[str, Any] = {"product": "out", "whole": partial(same_files, equal=whole_table), "needs": ("torch",)}
 TABLES |= {"part": partial(some_files, equal=part_of_a_table)}
 ROLLOUT = "outlast rollout ffa_1 --worlds 512 --steps 1500 --record {out} --quiet"
 COMPILE = "outlast rollout ffa_1 --worlds 2 --steps 3 --quiet"
 WRITERS = [
     Writer("rollout --record", ROLLOUT, "a.rec", whole_recording, prefix, keeps=True),
-    *(Writer(f"frames {suffix}", FRAMES, f"film{suffix}", same_film) for suffix in (".webm", ".mp4", ".apng", ".gif")),
+    *(Writer(f"frames {suffix}", FRAMES, f"film{suffix}", same_film) for suffix in (".webm", ".apng")),
+    *(
+        Writer(f"frames {each}", FRAMES, f"film{each}", same_film, needs=("imageio_ffmpeg",))
+        for each in (".mp4", ".gif")
+    ),
     Writer("frames folder", FRAMES, "film", same_files),
     Writer("frames over frames", FRAMES, "film", same_files, one_of_two_films, prepare_pictures),
     Writer("State.save", "tests.killing.writers {out}", "state.npz", same_bytes, state_that_can_be_set),
@@ -254,12 +257,15 @@ WRITERS = [
         *("compiled tick", COMPILE, "cache", same_units, lambda path, expected: None),
         variables={"OUTLAST_CACHE_DIR": "{out}"},
     ),
-    replayed("samples.parquet", "data.parquet", "--data {out}", same_parquet),
+    replayed("samples.parquet", "data.parquet", "--data {out}", same_parquet, needs=("pyarrow",)),
     replayed("shards", "data", "--data {out}", same_shards),
     replayed("page", "page.html", "--html {out} --worlds 0,1,2", same_bytes, keeps=False),
-    replayed("minari", "minari/duel-v0", "--data minari:duel-v0 --worlds 0,1", same_minari),
-    Writer("train", TRAIN, "run", whole_run, beginning_of_a_run, resume="--resume"),
-    Writer("plot", "outlast plot {folder}/runs --out {out}", "out", same_files, some_files, prepare_runs),
+    replayed("minari", "minari/duel-v0", "--data minari:duel-v0 --worlds 0,1", same_minari, needs=("minari",)),
+    Writer("train", TRAIN, "run", whole_run, beginning_of_a_run, resume="--resume", needs=("torch", "tensorboard")),
+    Writer(
+        *("plot", "outlast plot {folder}/runs --out {out}", "out", same_files, some_files, prepare_runs),
+        needs=("torch", "matplotlib"),
+    ),
     Writer("evaluate", EVALUATE, **TABLES),
     Writer("evaluate --film", f"{EVALUATE} --film", **TABLES),
 ]

@@ -10,10 +10,13 @@ import pytest
 from tests.killing.harness import Moment, Trial, Writer, run, same_bytes, temporary_files
 from tests.killing.writers import WRITERS
 
-for library in ("torch", "tensorboard", "matplotlib", "pyarrow", "minari", "imageio_ffmpeg"):
-    pytest.importorskip(library, reason=f"needs {library}: outlast[test]")
-
 KNOWN = {writer.name: writer for writer in WRITERS}
+EXTRAS = {  # by library
+    **dict.fromkeys(("torch", "tensorboard"), "train"),
+    **dict.fromkeys(("pyarrow", "minari"), "data"),
+    "matplotlib": "plot",
+    "imageio_ffmpeg": "view",
+}
 DISK = {  # bytes that a file may have: too few for the largest that is written
     "rollout --record": 100_000,
     "frames .webm": 5_000,
@@ -38,11 +41,18 @@ def mostly_nightly(cases: Iterable[tuple[Any, ...]], by_day: tuple[str, ...]) ->
     return [case if case[0] in by_day else pytest.param(*case, marks=pytest.mark.nightly) for case in cases]
 
 
+def writer_of(name: str) -> Writer:
+    """The writer of that name; the test is skipped without the libraries that it needs."""
+    for library in KNOWN[name].needs:
+        pytest.importorskip(library, reason=f"needs {library}: outlast[{EXTRAS[library]}]")
+    return KNOWN[name]
+
+
 @pytest.mark.timeout(1200)
 @pytest.mark.parametrize(("name", "times"), [*mostly_nightly([(name, 3) for name in KNOWN], ()), ("replay shards", 1)])
 def test_a_killed_process_leaves_files_that_open_and_go_on(tmp_path: Path, name: str, times: int) -> None:
     """Fifty kills together by night, not all of them after the command has ended."""
-    statuses = Trial(KNOWN[name], tmp_path).kill(times)
+    statuses = Trial(writer_of(name), tmp_path).kill(times)
     assert times == 1 or any(statuses)
 
 
@@ -60,7 +70,7 @@ def test_what_is_written_carelessly_is_found_out(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("name", "limit"), mostly_nightly(DISK.items(), ("frames .webm", "rollout --record")))
 def test_a_full_disk_is_reported_in_one_line_and_leaves_nothing_corrupt(tmp_path: Path, name: str, limit: int) -> None:
-    trial = Trial(KNOWN[name], tmp_path)
+    trial = Trial(writer_of(name), tmp_path)
     folder = trial.new_folder("full")
     outcome = run(trial.writer, folder, limit=limit)
     assert outcome.status == 2, outcome.err
@@ -89,7 +99,7 @@ MOMENTS = [
 @pytest.mark.parametrize(("name", "moment"), mostly_nightly(MOMENTS, ("plot", "frames folder")), ids=str)
 def test_ctrl_c_is_one_line_and_status_130(tmp_path: Path, name: str, moment: Moment) -> None:
     """While libraries load, at its first file operations and at work; no temporary file is left."""
-    writer = KNOWN[name]
+    writer = writer_of(name)
     writer.prepare(tmp_path)
     outcome = run(writer, tmp_path, moment)
     assert outcome.status == 130, outcome.err
