@@ -1,4 +1,4 @@
-"""Hostile files of levels, of scenarios whose worlds and agents differ, and of roles."""
+"""Hostile files of levels, of scenarios whose worlds and agents differ, of roles, and of floor plans."""
 
 import copy
 import json
@@ -12,7 +12,7 @@ import numpy as np
 import outlast
 from outlast import Scenario, levels
 from outlast.distributions import choice, integers, log_uniform, uniform
-from outlast.ecs import DeclarationError, NumberError
+from outlast.ecs import DeclarationError, MemoryLayout, NumberError
 from outlast.envs.errors import FaultError
 from outlast.envs.scenarios.fingerprint import planned
 from outlast.envs.scenarios.parse import with_roles
@@ -134,3 +134,33 @@ class RoleFiles(_Files):
         scenario = with_roles(outlast.variant("teams_3"), path)
         scenario.worlds(1).close()
         assert Scenario.from_json(scenario.to_json()) == scenario
+
+
+DRAWING = b"#####\n#A.B#\n#.#.#\n#.*.#\n#####\n"
+
+
+class Plans(_Files):
+    """Floor plans, as JSON and as drawings: made into a world's layout, where there is room for its bodies."""
+
+    refusals: ClassVar = (ScenarioError, NumberError)
+
+    def __init__(self) -> None:
+        walls, starts = [[0, 0, 6, 0.4, 0.5], [3, 4, 1, 2, 0]], [[0, -8, 0, 4, 8, 0], ["items", 8, 0, 4, 8, 0.1]]
+        plan = {"format": "outlast floor plan", "version": 1, "width": 25.0, "height": 25.0}
+        self.valid = json.dumps(plan | {"walls": walls, "starts": starts}).encode()
+
+    def mutate(self, rng: Random) -> bytes:
+        """A hostile file."""
+        if rng.random() < 0.5:
+            return super().mutate(rng)
+        signs = bytearray(DRAWING)
+        for _ in range(rng.randrange(1, 4)):
+            signs[rng.randrange(len(signs))] = rng.choice(b"#.*ABZ \n")
+        return rng.choice((bytes(signs), mutated(DRAWING, rng)))
+
+    def use(self, path: Path) -> None:
+        """Load it, and lay out a world with it."""
+        plan = FloorPlan.load(path)
+        assert len(plan.layout(500)) == 3000
+        others = [plan.room()] if plan.width and plan.height else []
+        MemoryLayout(outlast.variant("ffa_1").without("safe_zone").with_(*others, plan.mechanic()).modules)

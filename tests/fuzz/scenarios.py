@@ -1,38 +1,24 @@
-"""Fuzz scenarios: random ones must run, the same compiled and not, or be refused.
+"""Random scenarios, which must run the same compiled and as plain Python, or be refused by both: test_fuzz.py.
 
-    python -m tests.fuzz.scenarios [--count N] [--seed N] [--first K]
-        [--ticks N] [--out FOLDER]
+    python -m tests.fuzz.scenarios SEED COUNT TICKS
 
-In each scenario, mechanics have been taken out and put in, and numbers,
-subclasses and orders between systems are random. There are also mechanics of a
-user's, whose code is generated, with components, statistics, events and fields
-in the agents' rows of their own. Scenario k of a seed is always the same.
-
-Two child processes run it with the same actions, one compiled, one with
-NUMBA_DISABLE_JIT=1. A finding is any of these: digests of the whole state that
-differ after a tick, an exception that is not outlast's own, a refusal by only
-one of the two, a crash, or ten minutes without an answer. With findings, the
-exit status is 1. At the end, the messages of all refusals are printed, so that
-a person can judge whether each says what to do.
-
---child prints the results of one process, a line for each scenario.
+prints what becomes of scenarios 0 to COUNT of a seed, which are always the same: a
+line of JSON each, with digests of the whole state after each tick. In each
+scenario, mechanics have been taken out and put in, and numbers, subclasses and
+orders between systems are random. There are also mechanics of a user's, whose
+code is generated, with components, statistics, events and fields in the agents'
+rows of their own.
 """
 
-import argparse
 import dataclasses
 import faulthandler
 import gc
 import importlib.util
 import json
 import math
-import os
-import re
-import subprocess
 import sys
 import tempfile
-import time
 import traceback
-from collections import Counter
 from collections.abc import Iterator
 from contextlib import nullcontext
 from pathlib import Path
@@ -63,7 +49,6 @@ GROUPS = (  # of mechanics that can be left out together
     ("death_drop",),
     ("inventory", "pickup", "give_last", "death_drop", "heals", "boxes"),
 )
-ROOT = Path(__file__).resolve().parents[2]
 
 
 # ---- a scenario
@@ -225,7 +210,7 @@ def _numbers(rng: Random, scenario: Scenario) -> Iterator[tuple[str, Any]]:
             yield f"{module.name}_{item.name}", value
 
 
-# ---- a child process
+# ---- what becomes of it
 
 
 def run_scenario(seed: int, k: int, ticks: int, folder: Path) -> dict[str, Any]:
@@ -253,113 +238,16 @@ def run_scenario(seed: int, k: int, ticks: int, folder: Path) -> dict[str, Any]:
     return {"digests": digests}
 
 
-def child(seed: int, first: int, count: int, ticks: int) -> None:
+def main(seed: int, count: int, ticks: int) -> None:
     """Print a line of JSON for each scenario; where one takes TIMEOUT, say on which line, and exit."""
     with tempfile.TemporaryDirectory() as folder:
-        for k in range(first, count):
-            start = time.monotonic()
+        for k in range(count):
             faulthandler.dump_traceback_later(TIMEOUT, exit=True)
-            result = run_scenario(seed, k, ticks, Path(folder))
+            print(json.dumps(run_scenario(seed, k, ticks, Path(folder))), flush=True)
             faulthandler.cancel_dump_traceback_later()
             sys.modules.pop(f"generated_{k}", None)
             gc.collect()  # its mechanics, which errors of later scenarios would name
-            print(json.dumps({"k": k, **result, "seconds": time.monotonic() - start}), flush=True)
-
-
-# ---- the parent process
-
-
-def results(options: argparse.Namespace, compiled: bool) -> Iterator[dict[str, Any]]:
-    """Of each scenario, from a child process that is started again behind one in which it crashed or hung."""
-    variables = {key: value for key, value in os.environ.items() if key != "NUMBA_DISABLE_JIT"}
-    variables |= {} if compiled else {"NUMBA_DISABLE_JIT": "1"}
-    command = [sys.executable, "-X", "faulthandler", "-m", "tests.fuzz.scenarios", "--child"]
-    command += ["--count", str(options.count), "--seed", str(options.seed), "--ticks", str(options.ticks)]
-    k = options.first
-    while k < options.count:
-        with tempfile.TemporaryFile("w+") as errors:
-            with subprocess.Popen(
-                [*command, "--first", str(k)], env=variables, cwd=ROOT, text=True, stdout=subprocess.PIPE, stderr=errors
-            ) as process:
-                assert process.stdout
-                try:
-                    for line in process.stdout:
-                        k += 1
-                        yield json.loads(line)
-                except GeneratorExit:
-                    process.kill()
-                    raise
-            if k < options.count:
-                k += 1
-                errors.seek(0)
-                yield {"digests": [], "error": f"ends with status {process.returncode}\n{errors.read()[-3000:]}"}
-
-
-def compared(one: dict[str, Any], other: dict[str, Any]) -> str:
-    """What is wrong with the results of the compiled and of the plain process; "" if nothing is."""
-    for name, result in (("compiled", one), ("plain Python", other)):
-        if "error" in result:
-            return f"{name}: {result['error']}"
-    for tick, (mine, theirs) in enumerate(zip(one["digests"], other["digests"], strict=False)):
-        if mine != theirs:
-            return f"the state differs after tick {tick}"
-    refusals = [re.split("; did you mean|;? In phase ", result.get("refused", ""))[0] for result in (one, other)]
-    if refusals[0] != refusals[1]:
-        return f"compiled: {refusals[0] or 'runs'}\nplain Python: {refusals[1] or 'runs'}"
-    return ""
-
-
-def fuzz(options: argparse.Namespace) -> int:
-    """Run all scenarios in two child processes, and report; returns the number of findings."""
-    refused, findings, seconds = Counter[str](), 0, [0.0, 0.0]
-    both = zip(results(options, compiled=True), results(options, compiled=False), strict=True)
-    for k, pair in enumerate(both, options.first):
-        seconds = [total + result.get("seconds", 0) for total, result in zip(seconds, pair, strict=True)]
-        if finding := compared(*pair):
-            findings += 1
-            print(f"scenario {k}: {finding}")
-            _keep(options, k, finding)
-        elif "refused" in pair[0]:
-            refused["".join("#" if c.isdigit() else c for c in pair[0]["refused"])] += 1
-        if (k + 1) % 50 == 0:
-            print(f"up to {k}: {findings} findings, {sum(refused.values())} refused", file=sys.stderr, flush=True)
-    for message, times in sorted(refused.items()):
-        print(f"{times:5} x {message}")
-    count = options.count - options.first
-    ran = count - sum(refused.values()) - findings
-    print(f"seed {options.seed}: {count} scenarios, {ran} ran, {sum(refused.values())} refused, {findings} findings")
-    print(f"{seconds[0] / count:.2f} s compiled and {seconds[1] / count:.2f} s as plain Python for each")
-    return findings
-
-
-def _keep(options: argparse.Namespace, k: int, finding: str) -> None:
-    """Write the finding, the scenario and the source of its mechanics."""
-    options.out.mkdir(parents=True, exist_ok=True)
-    try:
-        scenario = make_scenario(Random(f"{options.seed} {k}"), f"generated_{k}", options.out)
-        numbers = "\n".join(f"{key} = {value!r}" for key, value in scenario.numbers().items())
-    except OutlastError as error:
-        numbers = str(error)
-    (options.out / f"scenario-{options.seed}-{k}.txt").write_text(f"{finding}\n\n{numbers}\n")
-
-
-def main(arguments: list[str] | None = None) -> int:
-    """The command line; returns 1 if there are findings."""
-    parser = argparse.ArgumentParser(
-        "python -m tests.fuzz.scenarios", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--count", type=int, default=1000, help="end before scenario N (default %(default)s)")
-    parser.add_argument("--first", type=int, default=0, help="begin with scenario K (default %(default)s)")
-    parser.add_argument("--seed", type=int, default=0, help="decides which scenarios they are (default %(default)s)")
-    parser.add_argument("--ticks", type=int, default=200, help="ticks of each scenario (default %(default)s)")
-    parser.add_argument("--out", type=Path, default=Path("findings"), help="folder for findings (default %(default)s)")
-    parser.add_argument("--child", action="store_true", help=argparse.SUPPRESS)
-    options = parser.parse_args(arguments)
-    if options.child:
-        child(options.seed, options.first, options.count, options.ticks)
-        return 0
-    return 1 if fuzz(options) else 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main(*map(int, sys.argv[1:]))
