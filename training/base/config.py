@@ -1,6 +1,7 @@
 """Settings of a training run: everything that determines its results."""
 
 import math
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,15 +12,17 @@ from outlast.ecs.checks.code_hash import full_name
 from outlast.ecs.kernels.integers import as_whole
 from outlast.envs.core.options import ChoicesBySide, check_options, default_of, option, options_of
 from outlast.envs.levels import Level
+from outlast.envs.rollout.lineup import checked_entries, parse_lineup
 from outlast.envs.rollout.policies import POLICIES as NAMED
-from outlast.envs.rollout.saved import MASKED, SAVED_AS, cameras_mode, is_saved, policy_file
+from outlast.envs.rollout.saved import MASKED, SAVED_AS, cameras_mode, is_saved, policy_file, text_of
+from outlast.envs.scenarios.derivation import as_filename
 from outlast.envs.scenarios.fingerprint import classes, fingerprint
 from outlast.envs.scenarios.mechanics import imported_code
 from outlast.envs.scenarios.scenario import Scenario
 
-from .annealing import Anneal
+from .annealing import Anneal, parse_anneal
 from .errors import TrainingError
-from .hyperparameters import KINDS, Hyperparameters
+from .hyperparameters import KINDS, Hyperparameters, parse_hyperparameters
 from .presets import DEAD, PRESETS, preset
 from .run_header import Header
 
@@ -58,6 +61,55 @@ def parse_warm_start(text: str) -> tuple[str, int]:
     if steps % 1 != 0 or (length and steps < 1):
         raise TrainingError(f"warm start {text}: the agent-steps must be an integer >= 1, as in {name}:2e6")
     return name, int(steps)
+
+
+def _settings(given: Any) -> dict[str, Any]:
+    if isinstance(given, list):
+        return parse_hyperparameters(given)
+    try:
+        return dict(given or {})
+    except (TypeError, ValueError):
+        raise TrainingError(
+            f"settings = {given!r:.200}: must be numbers of PPO by name, as in {{'gamma': 0.995}}"
+        ) from None
+
+
+def _annealed(given: Any) -> tuple[Anneal, ...]:
+    texts = [given] if isinstance(given, str) else given
+    if not isinstance(texts, Sequence) or not all(isinstance(each, str | Anneal) for each in texts):
+        raise TrainingError(
+            f"anneal = {given!r:.200}: must be a text or a list of texts, as in 'rewards_kill=10:0@5e6'; () for none"
+        )
+    return tuple(texts) if all(isinstance(each, Anneal) for each in texts) else parse_anneal(texts)
+
+
+def _start(given: Any) -> str:
+    start = text_of(given) if isinstance(given, os.PathLike) else given
+    if not isinstance(start, str):
+        needed = f"must be a name, such as '{TEACHERS[0]}', or the path of a saved policy; '' for none"
+        raise TrainingError(f"warm_start = {start!r:.200}: {needed}")
+    return start
+
+
+def _weights(given: Any) -> dict[str, float]:
+    if isinstance(given, str):
+        return parse_lineup(given, OPPONENTS)
+    needed = "must be names or paths of saved policies, with weights, as in {'self': 1, 'runs/a': 1}"
+    if not isinstance(given, Mapping):
+        raise TrainingError(f"opponents = {given!r:.200}: {needed}")
+    for name in given:
+        if not isinstance(name, str | os.PathLike):
+            raise TrainingError(f"opponents: {name!r:.200} is not an opponent: they {needed}")
+    return {str(name): weight for name, weight in checked_entries(given.items(), OPPONENTS)}
+
+
+# Settings that users give in several forms; the command line gives texts.
+PARSERS: dict[str, Callable[[Any], Any]] = {
+    "settings": _settings,
+    "opponents": _weights,
+    "warm_start": _start,
+    "anneal": _annealed,
+}
 
 
 def name_of(code: Any) -> str:
@@ -209,6 +261,8 @@ class TrainingConfig:
     def __post_init__(self) -> None:
         """Check all values. Raises ScenarioError for an unknown preset, TrainingError for other impossible values."""
         preset(self.preset)
+        for name, parse in PARSERS.items():
+            object.__setattr__(self, name, parse(getattr(self, name)))
         integers = {
             name: as_whole(getattr(self, name)) for name, each in options_of(self).items() if each.least is not None
         }
@@ -280,6 +334,10 @@ class TrainingConfig:
             raise TrainingError(
                 "a preset, networks or numbers of PPO of one side need policies of their own: take policies = 'side'"
             )
+
+    def folder_name(self, *marks: str) -> str:
+        """Return the usual name of the run's folder. marks: Differences from other runs that the game's name lacks."""
+        return "-".join((self.scenario.file_name, *map(as_filename, (*marks, self.preset)), str(self.seed)))
 
     def header(self) -> Header:
         """Return the part of run.json that determines the results."""

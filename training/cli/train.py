@@ -7,25 +7,20 @@ import itertools
 import logging
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from outlast.ecs.kernels.available import available_cores
 from outlast.envs.cli.grammar import Parser
 from outlast.envs.cli.options import STOPPED, add_options, add_scenario, given_options, output, positive, scenario, seed
 from outlast.envs.core.options import options_of
-from outlast.envs.rollout.lineup import parse_lineup
 from outlast.envs.rollout.saved import checkpoints
-from outlast.envs.scenarios.derivation import as_filename
-from outlast.envs.scenarios.scenario import Scenario
 
 from ..base import config as known
-from ..base.annealing import parse_anneal
-from ..base.config import OPPONENTS, SELF, RunOptions, TrainingConfig, Workload, parse_warm_start
+from ..base.config import SELF, RunOptions, TrainingConfig, Workload
 from ..base.errors import TrainingError, needed
 from ..base.files import check_out
-from ..base.hyperparameters import KINDS, parse_hyperparameters
+from ..base.hyperparameters import KINDS
 from ..runs.child_runs import RESUME, ChildRun, side_by_side
 from ..runs.live_view import LiveView
 
@@ -73,38 +68,24 @@ def add(commands: Any) -> None:
 
 def run(command: Parser, options: argparse.Namespace) -> int:
     """Train. Return the exit status."""
-    parse_warm_start(options.warm_start), parse_anneal(options.anneal)  # checked before several processes start
     runs = list(_each_run(options))
     if options.jobs is not None and len(runs) == 1:
         raise TrainingError("--jobs has no effect on one run: leave it out, or name several variants or seeds")
     return _train_several(command, options, runs) if len(runs) > 1 else _train_one(options, runs[0])
 
 
-@dataclass(frozen=True)
-class PlannedRun:
+class PlannedRun(NamedTuple):
     """A run that the options request.
 
     Attributes:
-        variant: Name of its game, as the user gave it.
-        swept: Words of a command line with its values of --sweep.
-        marks: Its swept values of PPO, which the name of the game lacks.
         config: Its configuration.
+        folder_name: The name of its folder, unless the user gives one.
+        words: Words of a command line that only this run has.
     """
 
-    variant: str
-    swept: tuple[str, ...]
-    marks: tuple[str, ...]
     config: TrainingConfig
-
-    @property
-    def folder_name(self) -> str:
-        """Return the name of its folder, unless the user gives one."""
-        marks = map(as_filename, (*self.marks, self.config.preset))
-        return "-".join((self.config.scenario.file_name, *marks, str(self.config.seed)))
-
-    def words(self) -> list[str]:
-        """Return the words of a command line that only this run has."""
-        return [self.variant, "--seed", str(self.config.seed), *self.swept]
+    folder_name: str
+    words: tuple[str, ...]
 
 
 def _swept(text: str) -> tuple[str, ...]:
@@ -130,8 +111,10 @@ def _each_run(options: argparse.Namespace) -> Iterator[PlannedRun]:
             scenario(options, name).find_number(text.partition("=")[0], KINDS)  # its error also lists those of PPO
         asked = copy.copy(options)
         asked.set, asked.ppo = [*options.set, *numbers], [*options.ppo, *ppo]
-        words = (*(f"--set={text}" for text in numbers), *(f"--ppo={text}" for text in ppo))
-        yield PlannedRun(name, words, ppo, _config(asked, scenario(asked, name), own))
+        game = scenario(asked, name)
+        config = TrainingConfig(game, **given_options(asked, TrainingConfig) | {"seed": own})
+        swept = (*(f"--set={text}" for text in numbers), *(f"--ppo={text}" for text in ppo))
+        yield PlannedRun(config, config.folder_name(*ppo), (name, "--seed", str(own), *swept))
         options.changed_scenario = getattr(asked, "changed_scenario", None)
 
 
@@ -154,13 +137,6 @@ def _train_one(options: argparse.Namespace, planned: PlannedRun) -> int:
     return status
 
 
-def _config(options: argparse.Namespace, chosen: Scenario, own: int) -> TrainingConfig:
-    """Return the config of one scenario and one seed. Raises TrainingError."""
-    parsed = {"seed": own, "settings": parse_hyperparameters(options.ppo), "anneal": parse_anneal(options.anneal)}
-    parsed["opponents"] = parse_lineup(options.opponents, OPPONENTS)
-    return TrainingConfig(chosen, **given_options(options, TrainingConfig) | parsed)
-
-
 def _train_several(command: Parser, options: argparse.Namespace, planned: Sequence[PlannedRun]) -> int:
     """Train all of them, each in its own process. Return the exit status, see side_by_side.
 
@@ -170,7 +146,7 @@ def _train_several(command: Parser, options: argparse.Namespace, planned: Sequen
     """
     folder = Path(options.out or "runs")
     common = [*command.words(options, leave_out=OWN), *(["--threads=1"] if not options.threads else [])]
-    runs = [ChildRun(folder / each.folder_name, [*each.words(), *common], resume=options.resume) for each in planned]
+    runs = [ChildRun(folder / each.folder_name, [*each.words, *common], resume=options.resume) for each in planned]
     if len({run.name for run in runs}) < len(runs):
         raise TrainingError(f"{', '.join(run.name for run in runs)}: name each variant and each seed once")
     at_once = options.jobs or max(1, available_cores() // options.processes)

@@ -7,17 +7,14 @@ from pathlib import Path
 from typing import Any, Unpack
 
 from outlast.envs.core.options import options_of
-from outlast.envs.rollout.lineup import checked_entries, parse_lineup
-from outlast.envs.rollout.saved import newest, text_of
-from outlast.envs.scenarios.derivation import as_filename
+from outlast.envs.rollout.saved import newest
 from outlast.envs.scenarios.known_numbers import Numbers
 from outlast.envs.scenarios.parse import checks_keywords, resolve
 from outlast.envs.scenarios.parse import options_of as arguments_of
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.storage.interrupts import children_awaited
 
-from ..base.annealing import Anneal, parse_anneal
-from ..base.config import FAST, OPPONENTS, SELF, TEACHERS, Choose, TrainingConfig, Workload
+from ..base.config import FAST, SELF, Choose, TrainingConfig, Workload
 from ..base.errors import TrainingError
 from ..base.hyperparameters import KINDS
 from ..base.log_file import NAME, read_log
@@ -142,13 +139,9 @@ def train(
     for name, value in numbers.items():
         if name in KINDS:
             raise TrainingError(f"{name} is a number of PPO: settings={{{name!r}: {value!r}}}")
-    config = TrainingConfig(
-        resolve(scenario, numbers, arguments_of(train)),
-        **{name: given[name] for name in own if name not in PARSED},
-        **{name: parse(given[name]) for name, parse in PARSED.items()},
-    )
+    config = TrainingConfig(resolve(scenario, numbers, arguments_of(train)), **{name: given[name] for name in own})
     check_callbacks(callbacks)
-    place = Path(folder) if folder is not None else usual_folder(config)
+    place = Path(folder or Path("runs", config.folder_name()))
     with children_awaited():
         run = TrainingRun(config, place, resume=resume, film=film, cluster=cluster, callbacks=callbacks)
         shown(run, quiet=quiet)
@@ -160,11 +153,6 @@ def _logged_last(folder: Path) -> dict[str, float]:
     points = read_log(folder / NAME)
     last = max((steps for own in points.values() for steps, _ in own), default=0)
     return {tag: own[-1][1] for tag, own in points.items() if own[-1][0] == last}
-
-
-def usual_folder(config: TrainingConfig) -> Path:
-    """Return the folder of a run for which none is named."""
-    return Path("runs", f"{config.scenario.file_name}-{as_filename(config.preset)}-{config.seed}")
 
 
 def shown(run: TrainingRun, *, quiet: bool) -> None:
@@ -184,49 +172,3 @@ def shown(run: TrainingRun, *, quiet: bool) -> None:
         run.train(progress)
     finally:
         view.close()
-
-
-def _settings(settings: Any) -> dict[str, Any]:
-    try:
-        return dict(settings or {})
-    except (TypeError, ValueError):
-        raise TrainingError(
-            f"settings = {settings!r:.200}: must be numbers of PPO by name, as in {{'gamma': 0.995}}"
-        ) from None
-
-
-def _annealed(anneal: Any) -> tuple[Anneal, ...]:
-    texts = [anneal] if isinstance(anneal, str) else anneal
-    if not isinstance(texts, Sequence) or not all(isinstance(text, str) for text in texts):
-        raise TrainingError(
-            f"anneal = {anneal!r:.200}: must be a text or a list of texts, as in 'rewards_kill=10:0@5e6'; () for none"
-        )
-    return parse_anneal(texts)
-
-
-def _start(warm_start: Any) -> str:
-    start = text_of(warm_start) if isinstance(warm_start, os.PathLike) else warm_start
-    if not isinstance(start, str):
-        needed = f"must be a name, such as '{TEACHERS[0]}', or the path of a saved policy; '' for none"
-        raise TrainingError(f"warm_start = {start!r:.200}: {needed}")
-    return start
-
-
-def _weights(opponents: Any) -> dict[str, float]:
-    if isinstance(opponents, str):
-        return parse_lineup(opponents, OPPONENTS)
-    needed = "must be names or paths of saved policies, with weights, as in {'self': 1, 'runs/a': 1}"
-    if not isinstance(opponents, Mapping):
-        raise TrainingError(f"opponents = {opponents!r:.200}: {needed}")
-    for name in opponents:
-        if not isinstance(name, str | os.PathLike):
-            raise TrainingError(f"opponents: {name!r:.200} is not an opponent: they {needed}")
-    return {str(name): weight for name, weight in checked_entries(opponents.items(), OPPONENTS)}
-
-
-PARSED: dict[str, Callable[[Any], Any]] = {
-    "settings": _settings,
-    "opponents": _weights,
-    "warm_start": _start,
-    "anneal": _annealed,
-}  # arguments that a TrainingConfig has in another form
