@@ -1,7 +1,6 @@
 """Processes that train together on a Ray cluster: one is this process, the others are tasks of the cluster."""
 
 import contextlib
-import time
 from collections.abc import Callable
 from typing import Any
 
@@ -12,8 +11,7 @@ import outlast
 from outlast.envs.errors import ClusterError
 from outlast.envs.rollout.ray import connected
 
-from ..base.errors import TrainingError
-from .crew import GRACE, POLL, WRONG, Crew, CrewProcess, join, joined, listening
+from .crew import GRACE, Crew, CrewProcess, Others, join, listening
 
 
 def recruit_on_cluster(address: str, size: int, work: Callable[..., None], *arguments: Any) -> Crew:
@@ -31,27 +29,23 @@ def recruit_on_cluster(address: str, size: int, work: Callable[..., None], *argu
         return CrewProcess(0, size, here, store, Tasks(tasks, store, opened.pop_all()))
 
 
-class Tasks:
+class Tasks(Others):
     """The other processes of the crew, as tasks that run on the cluster."""
 
     def __init__(self, tasks: list[Any], store: Any, opened: contextlib.ExitStack) -> None:
         """Take Ray's references to the results of tasks. opened: Closed when they are stopped."""
-        self.tasks, self.store, self.opened = tasks, store, opened
+        super().__init__(len(tasks) + 1, store)
+        self.tasks, self.opened = tasks, opened
 
-    def wait(self) -> None:
-        """Wait until all are about to join. Raises TrainingError if one ended instead."""
-        while not joined(self.store, len(self.tasks) + 1):
-            if ray.wait(self.tasks, timeout=0)[0]:
-                raise TrainingError(self.reason(), lost=True)
-            time.sleep(POLL)
+    def ended(self) -> bool:
+        """See Others."""
+        return bool(ray.wait(self.tasks, timeout=0)[0])
 
     def reason(self) -> str:
-        """Return the error that one of them reports, or how it ended; "" if none has failed."""
+        """See Others."""
         ray.wait(self.tasks, timeout=GRACE)  # until the first of them ends
-        for rank in range(1, len(self.tasks) + 1):
-            if self.store.check([WRONG.format(rank)]):
-                wrong = self.store.get(WRONG.format(rank)).decode()
-                return f"process {rank + 1} of {len(self.tasks) + 1}: {wrong}"
+        if wrong := self.reported():
+            return wrong
         for rank, task in enumerate(self.tasks, 1):
             try:
                 ray.get(task, timeout=0)
@@ -59,7 +53,7 @@ class Tasks:
                 continue
             except RayError as error:
                 wrong = f"was lost ({type(error).__name__})"
-                return f"process {rank + 1} of {len(self.tasks) + 1} {wrong}; continue with --resume"
+                return f"process {rank + 1} of {self.size} {wrong}; continue with --resume"
         return ""
 
     def stop(self) -> None:

@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Callable, Iterator, Sequence
 from datetime import timedelta
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import torch
@@ -133,24 +133,44 @@ class CrewProcess(Crew):
             raise TrainingError(text, lost=True) from error
 
 
-class Others(Protocol):
-    """The processes that the first one has started."""
+class Others:
+    """The processes that the first one has started: `size` of them with itself, which find each other in a store."""
+
+    def __init__(self, size: int, store: Any) -> None:
+        self.size, self.store = size, store
 
     def wait(self) -> None:
         """Wait until all are about to join. Raises TrainingError if one ended instead."""
+        while not all(self.store.check([JOINS.format(rank)]) for rank in range(1, self.size)):
+            if self.ended():
+                raise TrainingError(self.reason(), lost=True)
+            time.sleep(POLL)
+
+    def reported(self) -> str:
+        """Return the error that one of them reports; "" if none does."""
+        for rank in range(1, self.size):
+            if self.store.check([WRONG.format(rank)]):
+                return f"process {rank + 1} of {self.size}: {self.store.get(WRONG.format(rank)).decode()}"
+        return ""
+
+    def ended(self) -> bool:
+        """Return whether one of them has ended."""
+        raise NotImplementedError
 
     def reason(self) -> str:
-        """Return why one of them ended; "" if none did."""
+        """Return the error that one of them reports, or how it ended; "" if none has failed. May wait for GRACE."""
+        raise NotImplementedError
 
     def stop(self) -> None:
         """End them."""
+        raise NotImplementedError
 
 
-class Children:
+class Children(Others):
     """Processes on the same machine, which end with this one."""
 
     def __init__(self, size: int, work: Callable[..., None], arguments: Sequence[Any], store: Any) -> None:
-        self.size, self.store = size, store
+        super().__init__(size, store)
         context = spawning()
         self.processes = [
             context.Process(target=join, args=(rank, size, HOST, HOST, store.port, work, *arguments), daemon=True)
@@ -160,25 +180,22 @@ class Children:
             for process in self.processes:
                 process.start()
 
-    def wait(self) -> None:
-        """Wait until all are about to join. Raises TrainingError if one ended instead."""
-        while not joined(self.store, self.size):
-            if any(not process.is_alive() for process in self.processes):
-                raise TrainingError(self.reason(), lost=True)
-            time.sleep(POLL)
+    def ended(self) -> bool:
+        """See Others."""
+        return any(not process.is_alive() for process in self.processes)
 
     def reason(self) -> str:
-        """Return the error that one of them reports, or how it ended. Waits up to GRACE seconds."""
+        """See Others."""
         end = time.monotonic() + GRACE
         while time.monotonic() < end:
+            if error := self.reported():
+                return error
             for rank, process in enumerate(self.processes, 1):
-                if self.store.check([WRONG.format(rank)]):
-                    return f"process {rank + 1} of {self.size}: {self.store.get(WRONG.format(rank)).decode()}"
                 if not process.is_alive() and (code := process.exitcode or 0) != LOST:
                     how = f"was ended by signal {-code}" if code < 0 else f"ended with status {code}"
                     imported = code < 0 or self.store.check([BEGUN.format(rank)])
                     cure = "; continue with --resume" if imported else f" before it began to train: {GUARD}"
-                    return f"process {rank + 1} of {self.size} {how}{cure}"
+                    return self.reported() or f"process {rank + 1} of {self.size} {how}{cure}"
             time.sleep(POLL)
         return ""
 
@@ -200,11 +217,6 @@ def recruit(size: int, work: Callable[..., None], *arguments: Any) -> Crew:
         return Crew()
     store = listening(HOST)
     return CrewProcess(0, size, HOST, store, Children(size, work, arguments, store))
-
-
-def joined(store: Any, size: int) -> bool:
-    """Return whether all of `size` processes, except the first, are about to join."""
-    return all(store.check([JOINS.format(rank)]) for rank in range(1, size))
 
 
 def listening(host: str) -> Any:
