@@ -22,9 +22,8 @@ from outlast.training.policies.policy import ActorCritic
 from outlast.training.policies.rows import Observed, Rows, concatenated
 from outlast.training.ppo.learner import Learner
 from outlast.training.ppo.minibatches import Chunks, normalised
-from outlast.training.ppo.rollout import Rollout
+from outlast.training.ppo.rollout import NOBODY, Rollout
 from outlast.training.ppo.trainer import Trainer
-from outlast.training.ppo.world_slice import NOBODY
 from outlast.training.runs.resume import capture
 
 SHORT = variant("ffa_2").replace(agents_health=10, safe_zone_radii=(9.0, 4.0), safe_zone_stand=10, safe_zone_shrink=10)
@@ -118,7 +117,9 @@ def rollout(own: ActorCritic, rng: np.random.Generator, agents: int = 32) -> Rol
     rewards, learner = zeros.copy(), np.full((CHUNK, agents), NOBODY, np.int8)
     rewards[-1] = joint[-1, :, 0] == cue
     learner[-1] = 0
-    return Rollout({FORM: seen}, joint, found, zeros, rewards, learner, zeros > -1, begins, memory)
+    given = {"own": numbers, "actions": joint, "log_probs": found, "values": zeros, "advantages": rewards}
+    unused = {"rewards": rewards, "later": zeros, "ends": zeros > 0, "last": zeros[0], "idle": None}
+    return Rollout({FORM: seen}, **given, **unused, learner=learner, alive=zeros > -1, begins=begins, memory=memory)
 
 
 @pytest.mark.parametrize(("memory", "learned"), [(WIDTH, True), (0, False)])

@@ -19,8 +19,8 @@ from outlast.training.arena.opponent_pool import PAST_SELVES, Opponent, Opponent
 from outlast.training.base.config import TrainingConfig
 from outlast.training.base.errors import TrainingError
 from outlast.training.policies.checkpoint import write_checkpoint
+from outlast.training.ppo.rollout import NOBODY
 from outlast.training.ppo.trainer import Trainer
-from outlast.training.ppo.world_slice import NOBODY
 from outlast.training.runs.resume import capture
 from tests.helpers.execution_modes import short
 

@@ -1,7 +1,7 @@
 """Collecting a rollout."""
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -9,13 +9,11 @@ import torch
 from ..base.errors import TrainingError
 from ..base.hyperparameters import Hyperparameters
 from ..policies.policy import Networks
-from ..policies.rows import concatenated
 from .crew import Crew
 from .loss import advantages
 from .rollout import DEAREST, RewardScale, Rollout
-from .world_slice import CollectedSamples, Lane
+from .world_slice import Lane
 
-Array = np.ndarray[Any, Any]
 BATCH = 4096  # samples of a rollout that are valued at once
 
 
@@ -51,14 +49,10 @@ class Collector:
             lane.take(t, lane.env.step(lane.act(t, begun + t, policies)), policies)
         return self._completed(lane.close(policies), policies)
 
-    def _completed(self, samples: CollectedSamples, policies: Sequence[Networks]) -> Rollout:
-        def own(name: str) -> Array:
-            return np.asarray(getattr(samples, name))
-
-        def everyones(name: str, axis: int = 1) -> Array:
-            return self.crew.gather(own(name), axis)
-
-        numbers, rewards, ends = self.numbers, everyones("rewards"), everyones("ends")
+    def _completed(self, rollout: Rollout, policies: Sequence[Networks]) -> Rollout:
+        """Return the samples with the advantages, and with what is of all processes."""
+        numbers, gather = self.numbers, self.crew.gather
+        rewards, ends = gather(rollout.rewards, 1), gather(rollout.ends, 1)
         if not np.isfinite(rewards).all():
             raise TrainingError(
                 "rewards are not finite (NaN or infinity): a mechanic computes them, as by 0 / 0 or the root of "
@@ -69,17 +63,19 @@ class Collector:
             raise TrainingError(
                 f"rewards, or their discounted sums, are beyond {DEAREST:g}, which training cannot use: pay less"
             )
-        rewards = rewards / np.float32(spread) + np.float32(numbers.gamma) * everyones("later")
-        seen = {form: concatenated([each[form] for each in samples.seen]) for form in samples.seen[0]}
-        values, learner = own("values"), own("learner")
+        rewards = rewards / np.float32(spread) + np.float32(numbers.gamma) * gather(rollout.later, 1)
         for number, policy in enumerate(policies):
             if policy.apart:
-                its, form = np.flatnonzero(learner == number), policy.preset.form
+                its, form = np.flatnonzero(rollout.learner == number), policy.preset.form
                 for start in range(0, len(its), BATCH):  # a step of few agents costs about as much as a large batch
                     some = its[start : start + BATCH]
-                    values.reshape(-1)[some] = policy.values(seen[form].select(torch.from_numpy(some))).numpy()
-        values, learner = self.crew.gather(values, 1), self.crew.gather(learner, 1)
-        found = advantages(rewards, values, ends, everyones("last", 0), numbers.gamma, numbers.gae_lambda)
-        more: dict[str, Any] = {name: own(name) for name in ("actions", "log_probs", "alive", "begins", "memory")}
-        more |= {"advantages": found, "learner": learner, "idle": samples.idle, "first": self.first}
-        return Rollout(seen=seen, values=values, **more)
+                    found = policy.values(rollout.seen[form].select(torch.from_numpy(some)))
+                    rollout.values.reshape(-1)[some] = found.numpy()
+        values, last = gather(rollout.values, 1), gather(rollout.last, 0)
+        return replace(
+            rollout,
+            values=values,
+            learner=gather(rollout.learner, 1),
+            advantages=advantages(rewards, values, ends, last, numbers.gamma, numbers.gae_lambda),
+            first=self.first,
+        )

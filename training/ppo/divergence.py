@@ -43,7 +43,7 @@ def strange_observations(lane: Lane) -> Iterator[str]:
     layout, samples, now = lane.packer.layout, lane.samples, lane.env.observe()
     views = [layout.own_views(samples.own), layout.own_views(lane.packer.own(now))]
     last = {form: packer(now) for form, packer in lane.packers.items()}  # what gives the values after the last step
-    for seen in (each for step in (*samples.seen, last) for each in step.values()):
+    for seen in (each for step in (*lane.seen, last) for each in step.values()):
         if isinstance(seen, PaddedRows):
             views.append(layout.views(seen.packed.numpy()))
         else:
@@ -56,8 +56,8 @@ def strange_observations(lane: Lane) -> Iterator[str]:
             names = [name for name, (size, _) in layout.fields.get(key, {}).items() for _ in range(int(size))]
             for column in np.flatnonzero(columns):
                 yield f"{key}.{names[column % len(names)]}" if names else key
-    states = (each.state for step in samples.seen for each in step.values())
+    states = (each.state for step in lane.seen for each in step.values())
     if any(state is not None and not state.isfinite().all() for state in states):
         yield "the state of the worlds, which critics see"
-    if not samples.later.isfinite().all():
+    if not np.isfinite(samples.later).all():
         yield "those where an episode was cut off"

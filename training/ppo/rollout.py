@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -14,37 +14,49 @@ from ..policies.checkpoint import REST
 from ..policies.rows import Observed
 
 Array = np.ndarray[Any, Any]
+NOBODY = -1  # the learner of a sample that is not used for training
 DEAREST = 1e30  # the largest reward or sum of rewards: float32 can hold it, and float64 its square
 
 
 @dataclass(frozen=True)
 class Rollout:
-    """Samples (steps, agents, ...) of the agents of this process or, where noted, of all processes.
+    """Samples (steps, agents, ...) of the agents of this process; of all processes, where noted, once it is completed.
 
     Attributes:
         seen: What was observed before each step, steps * agents, by the form in which networks take it.
+        own: float32 (steps, agents, layout.own), numbers that belong to no entity, as observed.
         actions: int64 (steps, agents, actions).
         log_probs: float32, log-probabilities of the actions when they were chosen.
-        values: float32, the critic's values of the observations; of all processes.
-        advantages: float32; of all processes.
-        learner: int16, the learner that is trained on the sample, or NOBODY; of all processes.
-        alive: bool, whether the agent lived when it observed.
+        values: float32, the critic's values of the observations; of all processes. A lane leaves out those of a policy
+            that computes them apart, see Collector.
+        rewards: float32.
+        later: float32, the value of the next observation, where an episode was truncated after the step; otherwise 0.
+        ends: bool, whether the agent's next step does not count for this one, since its episode ends.
         begins: bool, whether the agent's memory is reset before the step.
-        memory: float32 (chunks, agents, width), the agents' memory before each chunk of CHUNK steps.
+        alive: bool, whether the agent lived when it observed.
+        learner: int16, the learner that is trained on the sample, or NOBODY; of all processes.
         idle: bool (steps, agents, actions), whether an action was not drawn, for lack of effect; None: all were.
+        memory: float32 (chunks, agents, width), the agents' memory before each chunk of CHUNK steps.
+        last: float32 (agents,), values of the observations at the end.
+        advantages: float32; of all processes.
         first: Index of this process's first agent among those of all processes.
     """
 
     seen: Mapping[Form, Observed]
+    own: Array
     actions: Array
     log_probs: Array
     values: Array
-    advantages: Array
-    learner: Array
-    alive: Array
+    rewards: Array
+    later: Array
+    ends: Array
     begins: Array
+    alive: Array
+    learner: Array
+    idle: Array | None
     memory: Array
-    idle: Array | None = None
+    last: Array
+    advantages: Array = field(default_factory=lambda: np.empty(0, np.float32))
     first: int = 0
 
     @property

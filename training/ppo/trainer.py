@@ -138,7 +138,7 @@ class Trainer:
                 self.collector.restart()
         begun = self.steps // (self.worlds * self.env.num_agents)
         rollout = self.collector.collect(self.policies, self.rollout_steps, begun)
-        self.opponents.record_all(self._everyones(lambda lane: lane.samples.games))
+        self.opponents.record_all(self._everyones(lambda lane: lane.games))
         self.steps += rollout.learner.size
         if self.curriculum is not None:
             self._ask(self.curriculum)

@@ -1,7 +1,7 @@
 """A lane of a rollout: some of the worlds, their players, and the resulting samples."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,45 +26,12 @@ from ..policies import compiled_networks
 from ..policies.checkpoint import REST
 from ..policies.packer import Packer
 from ..policies.policy import Networks
-from ..policies.rows import Observed, Rows
+from ..policies.rows import Observed, Rows, concatenated
 from ..policies.torch_settings import FLOAT, playing
 from .curriculum import Curriculum, Ended, just_ended
+from .rollout import NOBODY, Rollout
 
 Array = np.ndarray[Any, Any]
-NOBODY = -1  # the learner of a sample that is not used for training
-
-
-@dataclass
-class CollectedSamples:
-    """Samples that a lane collects: arrays (steps, agents, ...), those of a Rollout and more.
-
-    Attributes:
-        seen: What was observed, step after step, by the form in which networks take it.
-        own: float32 (steps, agents, layout.own), numbers that belong to no entity, as observed.
-        values: float32, the critic's values of the observations; 0 if the policy computes them apart, see Collector.
-        rewards: float32.
-        later: float32, the value of the next observation, where an episode was truncated after the step; otherwise 0.
-        ends: bool, whether the agent's next step does not count for this one, since its episode ends.
-        last: float32 (agents,), values of the observations at the end.
-        games: For each game against an opponent that has ended: the step, the opponent, and the share of the other
-            sides that the learners beat.
-    """
-
-    seen: list[dict[Form, Observed]]
-    own: Array
-    actions: Array
-    log_probs: Tensor
-    values: Tensor
-    rewards: Array
-    later: Tensor
-    ends: Array
-    begins: Array
-    alive: Array
-    learner: Array
-    idle: Array | None
-    memory: Tensor
-    last: Tensor
-    games: list[tuple[int, int, float]]
 
 
 class AgentGroup(NamedTuple):
@@ -87,6 +54,9 @@ class Lane:
         keys: uint64 (worlds, 3), seed, world and episode, by which levels and opponents are drawn. The worlds have the
             same keys, except where levels bring keys of their own.
         played: The episodes that have ended since `open`, with a curriculum.
+        games: For each game against an opponent that has ended since then: the step, the opponent, and the share of the
+            other sides that the learners beat.
+        seen: What was observed in each step since then, by the form in which networks take it.
     """
 
     def __init__(
@@ -110,7 +80,8 @@ class Lane:
         draw theirs.
         """
         self.curriculum, self.keys = curriculum, np.stack(key_of(env.worlds), 1)
-        self.played: list[Ended] = []
+        self.played, self.games = list[Ended](), list[tuple[int, int, float]]()
+        self.seen = list[dict[Form, Observed]]()
         self.overview = GlobalState(env.worlds) if state else None
         self.env, self.packers, self.team, self.pool, self.dead = env, packers, team, opponents, dead
         self.packer = next(iter(packers.values()))  # what is the same for all: the layout, and an agent's own numbers
@@ -129,24 +100,22 @@ class Lane:
 
     def open(self, steps: int, policies: Sequence[Networks]) -> None:
         """Allocate memory for the samples of `steps` steps, during which the learners' policies do not change."""
-        self.played, shape, chunks = [], (steps, self.agents), -(-steps // CHUNK)
+        self.seen, self.games, self.played, shape, chunks = [], [], [], (steps, self.agents), -(-steps // CHUNK)
         memory, able = max(policy.memory for policy in policies), compiled_networks.able
         self.acting = {k: compiled_networks.Acting(policy) for k, policy in enumerate(policies) if able(policy)}
         actions = (*shape, len(self.env.action_sizes))
-        floats: dict[str, Any] = {name: torch.zeros(shape, **FLOAT) for name in ("log_probs", "values", "later")}
+        floats: dict[str, Any] = {n: np.zeros(shape, np.float32) for n in ("log_probs", "values", "rewards", "later")}
         truths: dict[str, Any] = {name: np.zeros(shape, bool) for name in ("ends", "begins", "alive")}
-        self.samples = CollectedSamples(
-            seen=[],
+        self.samples = Rollout(
+            seen={},
             own=np.zeros((*shape, self.packer.layout.own), np.float32),
             actions=np.zeros(actions, np.int64),
-            rewards=np.zeros(shape, np.float32),
             **floats,
             **truths,
             learner=np.zeros(shape, np.int16),
             idle=np.zeros(actions, bool) if self.masked.any() else None,
-            memory=torch.zeros((chunks, self.agents, memory), **FLOAT),
-            last=torch.zeros(self.agents, **FLOAT),
-            games=[],
+            memory=np.zeros((chunks, self.agents, memory), np.float32),
+            last=np.zeros(self.agents, np.float32),
         )
 
     @playing()
@@ -159,7 +128,7 @@ class Lane:
         env, samples = self.env, self.samples
         seen, uniform = self.observe(), self.noise(step)
         numbers = torch.from_numpy(uniform)
-        samples.seen.append(seen)
+        self.seen.append(seen)
         samples.own[t] = self.packer.own(env._reader.views)
         samples.alive[t] = alive(env.worlds).ravel()
         samples.begins[t] = self.begins
@@ -244,10 +213,11 @@ class Lane:
         self.env.reset(options={"reset_mask": where})
         self._draw(where)
 
-    def close(self, policies: Sequence[Networks]) -> CollectedSamples:
+    def close(self, policies: Sequence[Networks]) -> Rollout:
         """Return the samples, completed by the values of the present observations."""
         self.samples.last[:] = self._values(policies)
-        return self.samples
+        seen = {form: concatenated([each[form] for each in self.seen]) for form in self.seen[0]}
+        return replace(self.samples, seen=seen)
 
     def tallies(self) -> Tallies:
         """Return the measurements of the last closed rollout, by tag."""
@@ -331,7 +301,7 @@ class Lane:
         sides = self._sides.max(1) + 1
         worlds = np.flatnonzero(done & (self.opponent > 0) & (sides > 1))
         won = shares_beaten(self.standings.of(worlds), self.own[worlds], sides[worlds])
-        self.samples.games += [(t, *game) for game in zip(self.opponent[worlds].tolist(), won.tolist(), strict=True)]
+        self.games += [(t, *game) for game in zip(self.opponent[worlds].tolist(), won.tolist(), strict=True)]
 
     def _draw(self, where: Array) -> None:
         """Draw the players of the worlds `where`, bool (worlds,), in which episodes begin."""
