@@ -6,7 +6,7 @@ A policy with a memory also has a method `reset`; see memory.told.
 import inspect
 import math
 from collections.abc import Callable
-from typing import Any, cast
+from typing import Any, Protocol, cast
 
 import numpy as np
 
@@ -137,83 +137,35 @@ def noop_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
     return lambda observations: actions
 
 
-def scripted_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
-    """Make a policy that stays in the zone, fetches heals, uses them when wounded, and strikes enemies in reach.
+class PolicyMaker(Protocol):
+    """What makes a policy of a style: see `_of_style`."""
 
-    Until it sees an enemy, it looks around. A scenario with a "scripted" policy of its own has that in its place, see
-    Scenario.with_policies.
-
-    Args:
-        env: The environment that the policy is to play in.
-        seed: Without effect; the policy is a function of the observations.
-
-    Returns:
-        A policy.
-    """
-    return style_policy("scripted", plain(env))
+    def __call__(self, env: SurvivalVectorEnv, seed: int = 0) -> Policy:
+        """Make a policy for an environment. seed: Without effect."""
 
 
-def camper_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
-    """Make a policy that waits where the next zone will be, does not chase, and strikes enemies in reach.
+def _of_style(name: str) -> PolicyMaker:
+    """Return the function that makes the policies of a style, documented by what the style does."""
 
-    It looks around from its post, and turns towards an enemy in sight. It fetches heals around its post, and uses them
-    when wounded. It breaks boxes nearby, picks them up, and sets them up between itself and an enemy that comes close.
+    def make(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
+        return style_policy(name, plain(env))
 
-    Args:
-        env: The environment that the policy is to play in.
-        seed: Without effect; the policy is a function of the observations.
+    make.__name__ = make.__qualname__ = f"{name}_policy"
+    make.__doc__ = f"""Make a policy of the style `{name}`: {inspect.cleandoc(STYLES[name].__doc__ or "")}
 
-    Returns:
-        A policy.
-    """
-    return style_policy("camper", plain(env))
+A scenario with a policy "{name}" of its own has that in its place, see Scenario.with_policies.
 
+Args:
+    env: The environment that the policy is to play in.
+    seed: Without effect; the policy is a function of the observations.
 
-def hunter_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
-    """Make a policy that chases the nearest enemy in sight, wherever the zone is, and circles in search of one.
-
-    When it has few hit points left, it fetches heals in sight, uses what it has, and keeps to the zone.
-
-    Args:
-        env: The environment that the policy is to play in.
-        seed: Without effect; the policy is a function of the observations.
-
-    Returns:
-        A policy.
-    """
-    return style_policy("hunter", plain(env))
+Returns:
+    A policy.
+"""
+    return make
 
 
-def hoarder_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
-    """Make a policy that fetches all heals and box items that it sees, and keeps away from enemies.
-
-    It uses an item when it is nearly dead, or when it stands at another one that does not fit into its bag, and strikes
-    an enemy that corners it.
-
-    Args:
-        env: The environment that the policy is to play in.
-        seed: Without effect; the policy is a function of the observations.
-
-    Returns:
-        A policy.
-    """
-    return style_policy("hoarder", plain(env))
-
-
-def healer_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
-    """Make a policy that stays with its team-mates, gives heals to those worse off, and strikes enemies in reach.
-
-    It fetches heals on the way, and uses one itself when it is nearly dead; without teams, as soon as it is wounded.
-
-    Args:
-        env: The environment that the policy is to play in.
-        seed: Without effect; the policy is a function of the observations.
-
-    Returns:
-        A policy.
-    """
-    return style_policy("healer", plain(env))
-
+scripted_policy, camper_policy, hunter_policy, hoarder_policy, healer_policy = map(_of_style, STYLES)
 
 POLICIES: dict[str, Callable[[SurvivalVectorEnv, int], Policy]] = {
     "random": random_policy,

@@ -215,7 +215,11 @@ def follow(
 
 
 def scripted(seen: Seen) -> Intent:
-    """Go to the next zone, and on the way there to enemies that are close and to heals in sight."""
+    """Stay in the zone, fetch heals, use them when wounded, and strike enemies in reach.
+
+    Agents go to the next zone, and on the way there to enemies that are close and to heals in sight. Until they see an
+    enemy, they look around.
+    """
     enemy, heal = seen.nearest("others", seen.enemies), seen.nearest("heals")
     goal = first(enemy.within(2 * REACH), heal).only(~seen.outside).place_or(seen.centre)
     use = (seen.health <= WOUNDED) & seen.holds("heal_slot")
@@ -223,7 +227,12 @@ def scripted(seen: Seen) -> Intent:
 
 
 def camper(seen: Seen) -> Intent:
-    """Stay at a post, leaving it only for things nearby; behind a box, if there is one."""
+    """Wait where the next zone will be, do not chase, and strike enemies in reach.
+
+    Agents look around from their post, and turn towards an enemy in sight. They fetch heals around their post, and use
+    them when wounded. They break boxes nearby, pick them up, and set them up between themselves and an enemy that comes
+    close.
+    """
     post, armed = seen.post(), seen.holds("box_slot")
     enemy, heal = seen.nearest("others", seen.enemies), seen.nearest("heals", origin=post).within(HOME)
     idle = ~(armed | enemy.seen | seen.outside)
@@ -236,7 +245,10 @@ def camper(seen: Seen) -> Intent:
 
 
 def hunter(seen: Seen) -> Intent:
-    """Chase the nearest enemy in sight, and go in circles until there is one."""
+    """Chase the nearest enemy in sight, wherever the zone is, and circle in search of one.
+
+    With few hit points left, agents fetch heals in sight, use what they have, and keep to the zone.
+    """
     weak = seen.health <= WEAK
     enemy, heal = seen.nearest("others", seen.enemies), seen.nearest("heals").only(weak)
     goal = first(heal, seen.nearest("others", seen.enemies, lead=LEAD)).place_or(seen.patrol())
@@ -246,7 +258,11 @@ def hunter(seen: Seen) -> Intent:
 
 
 def hoarder(seen: Seen) -> Intent:
-    """Fetch all items, keep away from enemies, and use items late."""
+    """Fetch all heals and box items in sight, and keep away from enemies.
+
+    Agents use an item when they are nearly dead, or when they stand at another one that does not fit into their bag,
+    and strike an enemy that corners them.
+    """
     enemy, item = seen.nearest("others", seen.enemies), closer(seen.nearest("heals"), seen.nearest("box_items"))
     threat, post = enemy.within(WARY), seen.post()
     away = seen.position + 2 * unit(seen.position - enemy.place) + unit(post - seen.position)
@@ -256,7 +272,10 @@ def hoarder(seen: Seen) -> Intent:
 
 
 def healer(seen: Seen) -> Intent:
-    """Stay with team-mates, treat their wounds before its own, and fight enemies in reach."""
+    """Stay with team-mates, give heals to those worse off, and strike enemies in reach.
+
+    Agents fetch heals on the way, and use one themselves when nearly dead; without teams, as soon as they are wounded.
+    """
     enemy, mate = seen.nearest("others", seen.enemies), seen.nearest("others", seen.mates, lead=LEAD)
     hurt, health = seen.health_of("others"), seen.health[..., None]
     worse = seen.mates * (hurt <= SCRATCHED) * (hurt < health)
