@@ -27,7 +27,7 @@ from outlast.ecs import EngineError
 from outlast.envs.cli.main import main, parser
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.training.plots.plot import compare
-from outlast.training.research.report import report
+from outlast.training.research.compare import report
 from outlast.training.research.results import group_runs, load_runs
 from tests.conftest import COMPILED
 

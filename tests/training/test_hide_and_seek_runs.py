@@ -8,8 +8,7 @@ import pytest
 import outlast
 from outlast.envs.scenarios.hide_and_seek import HIDE_2V2
 from outlast.training.research.__main__ import main
-from outlast.training.research.phases import changes
-from outlast.training.research.tool_use import ABLATIONS, ablated
+from outlast.training.research.hide_and_seek import ABLATIONS, ablated, changes
 
 
 def test_a_run_is_played_with_and_without_tools(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

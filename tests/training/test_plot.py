@@ -57,7 +57,7 @@ from outlast.training.plots.runs import kept_runs, load
 from outlast.training.research import compare as command
 from outlast.training.research import figures
 from outlast.training.research.claims import FFA, TEAMS, claims_table, findings, over
-from outlast.training.research.report import csv_table, markdown, report
+from outlast.training.research.compare import csv_table, markdown, report
 from outlast.training.research.results import PaperGroup, group_runs, load_runs, published_curves
 
 # Mean and deviation of the last tenth, height and place (million steps) of the peak: computed apart from this code.

@@ -7,12 +7,12 @@ from outlast.envs.cli.grammar import Parser
 from outlast.envs.cli.main import main as run
 from outlast.envs.cli.main import program
 
-from . import compare, long_run, phases, reproduce, tool_use
+from . import compare, hide_and_seek, long_run, reproduce
 
 
 def parser() -> Parser:
     """Return the grammar of this program."""
-    commands = (reproduce, compare, tool_use, phases, long_run)
+    commands = (reproduce, compare, hide_and_seek, long_run)
     return program(f"python -m {__package__}", "Repeat and continue the papers of docs/paper.md.", commands)
 
 

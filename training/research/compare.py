@@ -1,16 +1,28 @@
-"""compare: runs of the paper's variants beside the paper's curves, and its claims."""
+"""compare: runs of the paper's variants beside the paper's: figures, end values and peaks, and claims, as tables."""
 
 import argparse
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from outlast.envs.cli.options import output
 from outlast.envs.core.options import OUTPUT
 
+from ..base.curves import KILLS, LENGTH, QUANTITIES, RETURN, EndValue, MovingAverage, Quantity, average, end_value
+from ..base.errors import needed
 from ..base.files import check_out, write_files
+from ..base.tables import ENDS, csv_text, decimals, digits, markdown_table, number, spread, with_spread
 from ..plots.plot import DRAWN, FORMS
-from .report import figures_and_tables, report
-from .results import files_to_keep, group_runs, load_runs
+from .claims import claims_table, findings
+from .results import PaperGroup, files_to_keep, group_runs, load_runs
+
+PAPER = "the paper"
+TOLERANCE = 0.15  # relative: returns and lengths within it agree with the paper's end value
+WITHIN = f"within {TOLERANCE:.0%}"
+HEADS = ("", PAPER, "outlast", "95 %", "apart", WITHIN, "peak in the paper", "peak in outlast")
 
 
 def add(commands: Any) -> None:
@@ -28,6 +40,162 @@ def add(commands: Any) -> None:
     text = "also write the runs' curves, and newest policies as RUN.safetensors, to this folder"
     group.add_argument("--keep", type=output(check_out), metavar="FOLDER", help=text)
     command.set_defaults(run=run)
+
+
+@dataclass(frozen=True)
+class EndRow:
+    """A quantity of a group: end values and moving averages of its runs and, if any, of the paper's.
+
+    side: -1 for all agents together. ours: One for each run whose end value counts, in order of seeds.
+    """
+
+    quantity: Quantity
+    side: int
+    ours: tuple[EndValue, ...]
+    curve: MovingAverage
+    theirs: EndValue | None
+    their_curve: MovingAverage | None
+
+    @property
+    def mean(self) -> float:
+        """The mean over seeds."""
+        return float(np.mean([each.mean for each in self.ours]))
+
+    @property
+    def deviation(self) -> float:
+        """The deviation between points of a run: the mean over seeds."""
+        return float(np.mean([each.deviation for each in self.ours]))
+
+    @property
+    def apart(self) -> float | None:
+        """Our end value over the paper's, less 1; None for quantities near 0, where it means little."""
+        if self.theirs is None or self.quantity not in (RETURN, LENGTH) or not self.theirs.mean:
+            return None
+        return self.mean / self.theirs.mean - 1
+
+
+def rows(group: PaperGroup) -> Iterator[EndRow]:
+    """Yield a row for each curve of the group's runs."""
+    for quantity in QUANTITIES:
+        for tag in group.runs[0].curves.tags(quantity):
+            ours = [run.curves for run in group.ended if tag in run.curves.values]
+            theirs = [group.paper] if tag in group.paper.values else []
+            yield EndRow(
+                quantity,
+                quantity.side(tag),
+                tuple(end_value(curves.values[tag]) for curves in ours),
+                average(ours, tag),
+                *((end_value(group.paper.values[tag]), average(theirs, tag)) if theirs else (None, None)),
+            )
+
+
+def verdict(group: PaperGroup, row: EndRow) -> str:
+    """Return whether the end values agree: "yes", "no", "too early"; "" if unchecked."""
+    if row.apart is None or group.ablated:
+        return ""
+    if not all(run.done for run in group.ended):
+        return "too early"
+    return "yes" if abs(row.apart) <= TOLERANCE else "no"
+
+
+def markdown(group: PaperGroup) -> str:
+    """Return the end values of a group: a paragraph with variant, preset, seeds and notes, and a table."""
+    seeds = ", ".join(str(run.seed) for run in group.runs)
+    notes = "".join(f" {note}." for note in group.notes())
+    title = f"`{group.variant}`, preset `{group.preset}`, seed{'s' * (len(group.runs) > 1)} {seeds}.{notes}"
+    return f"{title}\n\n{markdown_table(HEADS, _cells(group))}"
+
+
+def _cells(group: PaperGroup) -> Iterator[list[str]]:
+    for row in rows(group):
+        yield [
+            row.quantity.name + (f", {group.side} {row.side}" if row.side >= 0 else ""),
+            _with_deviation(row.theirs.mean, row.theirs.deviation) if row.theirs else "",
+            _with_deviation(row.mean, row.deviation),
+            spread([one.mean for one in row.ours]),
+            "" if row.apart is None else f"{row.apart:+.0%}".replace("-", "−"),
+            verdict(group, row),
+            *(f"{number(c.peak[1])} at {c.peak[0] / 1e6:.1f} M" if c else "" for c in (row.their_curve, row.curve)),
+        ]
+
+
+def _with_deviation(mean: float, deviation: float) -> str:
+    """Format mean ± deviation, with the same digits; only the mean if the scatter of points is unknown."""
+    return number(mean) + ("" if np.isnan(deviation) else f" ± {deviation:,.{decimals(mean)}f}")
+
+
+def csv_table(groups: Iterable[PaperGroup]) -> str:
+    """Return the table as CSV, with a row for each quantity and all meaningful digits."""
+    records = [_record(group, row) for group in groups for row in rows(group)]
+    return csv_text(list(records[0]), (record.values() for record in records))
+
+
+def _record(group: PaperGroup, row: EndRow) -> dict[str, Any]:
+    theirs, curve, each = row.theirs, row.their_curve, [one.mean for one in row.ours]
+    return {
+        "variant": group.variant,
+        "preset": group.preset,
+        "quantity": row.quantity.name,
+        "agent or team": row.side if row.side >= 0 else "",
+        "seeds": " ".join(str(run.seed) for run in group.ended),
+        "agent-steps": min(run.steps for run in group.ended),
+        "paper": digits(theirs.mean if theirs else np.nan),
+        "paper between points": digits(theirs.deviation if theirs else np.nan),
+        "outlast": digits(row.mean),
+        "outlast between points": digits(row.deviation),
+        "lowest seed": digits(min(each)),
+        "highest seed": digits(max(each)),
+        "apart": "" if row.apart is None else f"{row.apart:.4f}",
+        WITHIN: verdict(group, row),
+        "paper's peak": digits(curve.peak[1] if curve else np.nan),
+        "paper's peak at": curve.peak[0] if curve else "",
+        "outlast's peak": digits(row.curve.peak[1]),
+        "outlast's peak at": row.curve.peak[0],
+    }
+
+
+def side_by_side(groups: Sequence[PaperGroup]) -> str:
+    """Return the end values of every variant, with all presets and 95 % intervals over seeds, in Markdown.
+
+    Values of sides are averaged; kills are summed.
+    """
+    presets = list(dict.fromkeys(group.preset for group in groups))
+    cells: dict[tuple[str, str], dict[str, str]] = {}
+    for group in groups:
+        for quantity in dict.fromkeys(row.quantity for row in rows(group)):
+            own = [row for row in rows(group) if row.quantity == quantity]
+            sides = 1 if quantity == KILLS else len(own)
+            each = [sum(row.ours[k].mean for row in own) / sides for k in range(len(group.ended))]
+            line = cells.setdefault((group.variant, quantity.name), {})
+            line[group.preset] = with_spread(each)
+            if own[0].theirs:
+                line[PAPER] = number(sum(row.theirs.mean for row in own if row.theirs) / sides)
+    heads = ("variant", "at the end", PAPER, *(f"preset `{name}`" for name in presets))
+    lines = [[*key, *(line.get(name, "") for name in (PAPER, *presets))] for key, line in sorted(cells.items())]
+    return markdown_table(heads, lines)
+
+
+def report(groups: Sequence[PaperGroup], beside: Sequence[PaperGroup] = ()) -> str:
+    """Return the end values of all presets side by side, those of each group, and the paper's claims, in Markdown."""
+    parts = [markdown(group) for group in groups]
+    if len({group.preset for group in (*beside, *groups)}) > 1:
+        parts.insert(0, side_by_side([*beside, *groups]))
+    for name in dict.fromkeys(group.preset for group in groups):
+        if found := list(findings([group for group in groups if group.preset == name])):
+            parts.append(f"What the paper says, and runs of preset `{name}`:\n\n{claims_table(found)}")
+    return "\n\n".join(parts) + "\n"
+
+
+def figures_and_tables(groups: Sequence[PaperGroup], form: str, beside: Sequence[PaperGroup] = ()) -> dict[str, bytes]:
+    """Return the contents of all files, by name: the figures, the tables in Markdown, and the end values as CSV.
+
+    form: Format of the figures: "png" or "svg". beside: Runs with other presets, for comparison in the table of all
+    presets. Raises TrainingError: matplotlib is missing.
+    """
+    with needed("plot", "figures need"):
+        from .figures import picture
+    figures = {f"{group.name}.{form}": picture(group, form) for group in groups}
+    return {**figures, "ends.md": report(groups, beside).encode(), ENDS: csv_table(groups).encode()}
 
 
 def run(options: argparse.Namespace) -> int:

@@ -18,8 +18,8 @@ from ..plots.plot import plot
 from ..plots.runs import kept_runs
 from ..policies.player import weights_of
 from . import corrected_games as mended
+from .compare import figures_and_tables
 from .experiments import PARTS, SECONDS, Experiment, experiments, seconds_table
-from .report import figures_and_tables
 from .results import curves_to_keep, group_runs, load_runs
 
 FILM: dict[str, Any] = {"size": 256, "every": 6, "fps": 15, "views": "+vision"}

@@ -1,0 +1,235 @@
+"""Hide and seek, what agents do with things. tool-use: with and without them; phases: from checkpoint to checkpoint."""
+
+import argparse
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from outlast.components.hide_and_seek import HIDERS, SEEKERS
+from outlast.ecs import role
+from outlast.envs.cli.options import output, positive
+from outlast.envs.core.options import OUTPUT
+from outlast.envs.rollout.saved import STEPS, checkpoints, runs_in
+from outlast.envs.scenarios.parse import resolve
+from outlast.envs.scenarios.scenario import Scenario
+from outlast.envs.text_table import text_table
+
+from ..arena.evaluation import CERTAIN, Evaluation, evaluate
+from ..arena.match import Estimates
+from ..base.errors import TrainingError
+from ..base.files import check_results, write_files
+from ..base.tables import csv_text
+from ..plots.figure import encoded, figure_of, write_notes
+from ..plots.plot import DRAWN
+
+FIGURE = "ticks_seen"
+HANDS: dict[str, Any] = {"without": ("grab", "lock")}
+ABLATIONS: dict[str, dict[str, dict[str, Any]]] = {  # by name: options of outlast.role by role
+    "as trained": {},
+    "hiders without grab and lock": {"hider": HANDS},
+    "seekers without grab and lock": {"seeker": HANDS},
+    "seekers without ramps": {"seeker": {"climbing_ticks": 0}},
+    "hiders without ramps": {"hider": {"climbing_ticks": 0}},
+}
+COMPARED = ("run", "who", FIGURE, "error", "difference", "its error", "errors apart")
+BY_SIDE = ("return", "held", "locks", "unlocks", "climbs")
+COUNTS = ("crates_moved1", "crates_locked1", "ramps_moved1", "ramps_locked1", "doors_closed1")  # as episodes end
+COLUMNS = ("run", "hiders", "seekers", "figure", "mean", "error")
+MILLION = 1e6
+Cells = dict[tuple[int, int], Estimates]  # by the agent-steps of hiders and of seekers
+
+
+def add(commands: Any) -> None:
+    """Add the commands to a parser's commands."""
+    text = "test whether hiders and seekers use things as tools"
+    description = (
+        "Let each run's newest policy of hide and seek play against itself, as it was trained and with actions taken "
+        "away from one side, and print in how many ticks of an episode hiders are seen. A difference of more than "
+        "three standard errors shows that what was taken away was of use."
+    )
+    examples = [("tool-use hide_small runs/hide_small-fast-0 --episodes 1024", "one run")]
+    command = commands.add_parser("tool-use", help=text, description=description, examples=examples)
+    _add_games(command, "a saved policy, or the folder of a run")
+    command.set_defaults(run=use_tools)
+    text = "play hiders of each checkpoint against seekers of each"
+    description = (
+        "Let hiders of each checkpoint of a run of hide and seek play against seekers of each checkpoint of the same "
+        "run. Print in how many ticks of an episode hiders are seen, and what each checkpoint does with things when it "
+        "plays against itself."
+    )
+    examples = [("phases hide_small runs/hide_small-fast-* --out phases.csv --figure phases.png", "several runs")]
+    command = commands.add_parser("phases", help=text, description=description, examples=examples)
+    _add_games(command, "the folder of a run, or a folder with several of these")
+    text = "draw the ticks seen of all runs to this file, as PNG"
+    command.group(OUTPUT).add_argument("--figure", type=output(_check), metavar="FILE", help=text)
+    command.set_defaults(run=play_phases)
+
+
+def _add_games(command: Any, runs: str) -> None:
+    """Add what games of hide and seek need to a command. runs: help on what is played."""
+    group = command.group(DRAWN)
+    group.add_argument("scenario", metavar="SCENARIO", help="a scenario of hide and seek")
+    group.add_argument("runs", nargs="+", metavar="RUN", help=runs)
+    text = "episodes of each game (default 1024)"
+    group.add_argument("--episodes", type=positive, default=1024, metavar="EPISODES", help=text)
+    text = "write the table to this file, as CSV"
+    command.group(OUTPUT).add_argument("--out", type=output(_check), metavar="FILE", help=text)
+
+
+def _check(file: str) -> None:
+    check_results([Path(file)])
+
+
+def ablated(scenario: Scenario, changes: dict[str, dict[str, Any]]) -> Scenario:
+    """Return the scenario, in which agents of some roles lack something."""
+    hiders, seekers = map(int, scenario.numbers()["teams_sizes"])
+    counts = {"hider": hiders, "seeker": seekers}
+    roles: dict[str, Any] = {name: role(count, **changes.get(name, {})) for name, count in counts.items()}
+    return scenario.roles(observed=False, **roles)
+
+
+def measure(scenario: Scenario, path: str, episodes: int) -> list[tuple[Any, ...]]:
+    """Play a policy in all forms of the scenario that differ for it. Returns rows of COMPARED."""
+    rows = list[tuple[Any, ...]]()
+    climbs = scenario.numbers().get("things_ramps")
+    for name, changes in ABLATIONS.items():
+        if "ramps" in name and not climbs:
+            continue
+        found = evaluate(ablated(scenario, changes), {"policy": path}, episodes=episodes, worlds=128, quiet=True)
+        mean, error = found.estimates("policy", "policy")[FIGURE]
+        differs = (0.0, 0.0, 0.0)  # as trained
+        if rows:
+            difference, both = mean - rows[0][2], math.hypot(error, rows[0][3])
+            differs = difference, both, difference / both if both else math.nan
+        rows.append((path, name, mean, error, *differs))
+    return rows
+
+
+def use_tools(options: argparse.Namespace) -> int:
+    """Play the forms of the game, print and write; the exit status."""
+    rows = list[tuple[Any, ...]]()
+    for path in options.runs:
+        rows += measure(resolve(options.scenario, {}), path, options.episodes)
+    if options.out:
+        write_files({Path(options.out): csv_text(COMPARED, rows).encode()})
+    print(text_table([(*row[:2], *(f"{value:.2f}" for value in row[2:])) for row in rows], COMPARED, left=2))
+    return 0
+
+
+def play(scenario: Scenario, folder: Path, episodes: int) -> Cells:
+    """Play all checkpoints of a run against each other, and themselves. What never happens is left out."""
+    paths = {str(int(name[1])): path for path in checkpoints(folder) if (name := STEPS.fullmatch(path.name))}
+    if len(paths) < 2:
+        raise TrainingError(f"{folder} has {len(paths)} checkpoint: train it with --every, to keep several")
+    found, steps = evaluate(scenario, paths, episodes=episodes, worlds=256, quiet=True), [*map(int, paths)]
+    cells = {(one, other): cell(found, str(one), str(other)) for one in steps for other in steps}
+    happens = {FIGURE, *(name for each in cells.values() for name, (mean, _) in each.items() if mean)}
+    return {pair: {name: each[name] for name in each if name in happens} for pair, each in cells.items()}
+
+
+def cell(found: Evaluation, hiders: str, seekers: str) -> Estimates:
+    """Return the figures of games of some hiders against some seekers; numbered 0 and 1 where each side has its own."""
+    sides = ((hiders, seekers, HIDERS), (seekers, hiders, SEEKERS))
+    own = [found.estimates(policy, against, side) for policy, against, side in sides]
+    split = {f"{name}{side}": own[side][name] for name in BY_SIDE for side in (HIDERS, SEEKERS)}
+    return {FIGURE: own[HIDERS][FIGURE]} | split | {name: own[HIDERS][name] for name in COUNTS}
+
+
+def rows(name: str, cells: Cells) -> list[tuple[Any, ...]]:
+    """Return rows of COLUMNS: ticks seen of all pairings, and everything else of checkpoints against themselves."""
+    return [
+        (name, *pair, figure, f"{mean:.2f}", f"{error:.2f}")
+        for pair, estimates in cells.items()
+        for figure, (mean, error) in estimates.items()
+        if figure == FIGURE or pair[0] == pair[1]
+    ]
+
+
+def changes(cells: Cells, of: int) -> tuple[int, int, int]:
+    """Count how often a later checkpoint of one side is seen more than an earlier one, by the same checkpoint.
+
+    Args:
+        cells: What was played.
+        of: The side whose checkpoints are compared: HIDERS or SEEKERS.
+
+    Returns:
+        How often more, and how often less, by more than CERTAIN standard errors; and how many comparisons there are.
+    """
+    steps, apart = sorted({pair[of] for pair in cells}), list[float]()
+    for other in steps:
+        for k, early in enumerate(steps):
+            for late in steps[k + 1 :]:
+                pairs = ((each, other) if of == HIDERS else (other, each) for each in (early, late))
+                (before, one), (after, two) = (cells[pair][FIGURE] for pair in pairs)
+                apart.append((after - before) / max(math.hypot(one, two), 1e-9))
+    return sum(each > CERTAIN for each in apart), sum(each < -CERTAIN for each in apart), len(apart)
+
+
+def report(name: str, cells: Cells) -> str:
+    """Return the tables of a run."""
+    steps = sorted({hiders for hiders, _ in cells})
+    heads = [f"{each / MILLION:.0f} M" for each in steps]
+    matrix = [[cells[one, other][FIGURE] for other in steps] for one in steps]
+    names = list(cells[steps[0], steps[0]])
+    own = [[cells[each, each][name] for name in names] for each in steps]
+    lines = []
+    for side, which in ((HIDERS, "hiders"), (SEEKERS, "seekers")):
+        more, less, of = changes(cells, side)
+        lines.append(f"against the same opponent, later {which}: seen more {more}, seen less {less}, of {of} pairs")
+    parts = [
+        text_table(
+            [(head, *map(_text, row)) for head, row in zip(heads, table, strict=True)], (about, *columns), left=1
+        )
+        for table, about, columns in ((matrix, "hiders, seekers", heads), (own, "itself", names))
+    ]
+    return "\n\n".join([f"{name}: {FIGURE}", parts[0], "\n".join(lines), parts[1]])
+
+
+def _text(estimate: tuple[float, float]) -> str:
+    return "{:.2f} ± {:.2f}".format(*estimate)
+
+
+def draw(runs: Mapping[str, Cells]) -> Figure:
+    """Draw the ticks seen of each run as a square of numbers."""
+    size, head = 2.5, 0.75
+    figure = figure_of(size * len(runs) + 0.45, size + head)
+    grid = figure.subplots(1, len(runs), squeeze=False)[0]
+    figure.subplots_adjust(left=0.45 / figure.get_figwidth(), right=0.995, bottom=0.15, top=0.74, wspace=0.14)
+    most = max(mean for cells in runs.values() for mean, _ in (each[FIGURE] for each in cells.values()))
+    for axes, (name, cells) in zip(grid, runs.items(), strict=True):
+        steps = sorted({hiders for hiders, _ in cells})
+        seen = [[cells[one, other][FIGURE][0] for other in steps] for one in steps]
+        axes.imshow(seen, cmap="Blues", vmin=0, vmax=most, aspect="auto", origin="lower")
+        for k, line in enumerate(seen):
+            for j, value in enumerate(line):
+                ink = "white" if value > 0.6 * most else "black"
+                axes.text(j, k, f"{value:.0f}", ha="center", va="center", color=ink, fontsize=7)
+        axes.set_title(name)
+        labels = [f"{each / MILLION:.0f}" for each in steps]
+        axes.set_xticks(range(len(steps)), labels)
+        axes.set_yticks(range(len(steps)), labels)
+        axes.tick_params(length=0, labelsize=7)
+        axes.set_xlabel("seekers, million agent-steps")
+    grid[0].set_ylabel("hiders, million agent-steps")
+    note = "Rows: hiders of a checkpoint; columns: seekers of a checkpoint of the same run"
+    write_notes(figure, "Ticks in which hiders are seen", [note])
+    return figure
+
+
+def play_phases(options: argparse.Namespace) -> int:
+    """Play the checkpoints of runs, print, write; the exit status."""
+    folders = [folder for place in options.runs for folder in runs_in(Path(place))]
+    found = {folder.name: play(resolve(options.scenario, {}), folder, options.episodes) for folder in folders}
+    contents, every = dict[Path, bytes](), list[Sequence[Any]]()
+    for name, cells in found.items():
+        print(report(name, cells), end="\n\n")
+        every += rows(name, cells)
+    if options.out:
+        contents[Path(options.out)] = csv_text(COLUMNS, every).encode()
+    if options.figure:
+        contents[Path(options.figure)] = encoded(lambda: draw(found), "png", {"Title": "phases"}, 64)
+    write_files(contents)
+    return 0
