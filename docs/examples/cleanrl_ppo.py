@@ -170,10 +170,12 @@ def make(scenario: str | outlast.Scenario, args: Args):
     return outlast.adapters.make_agents(scenario, args.num_worlds, autoreset_mode="SameStep", **form)
 
 
-def train(args: Args, make=make, kind: type[Rollouts] = Rollouts) -> tuple[Agent, np.ndarray]:
+def train(
+    args: Args, make=make, kind: type[Rollouts] = Rollouts, after=lambda agent, steps: None
+) -> tuple[Agent, np.ndarray]:
     """The trained agent, and a row for each update: mean return of the episodes that ended, and the three losses.
 
-    make, kind: What makes the environments, and steps them.
+    make, kind: What makes the environments, and steps them. after: Called after each update, with all agent-steps.
     """
     torch.manual_seed(args.seed)
     envs = make(DUEL if args.variant == "duel" else args.variant, args)
@@ -186,6 +188,7 @@ def train(args: Args, make=make, kind: type[Rollouts] = Rollouts) -> tuple[Agent
         parts = learn(agent, optimizer, batch, args)
         rows.append([np.mean(rollouts.returns) if rollouts.returns else np.nan, *parts.tolist()])
         print("step {}: return {:.1f}, losses {:.3f} {:.3f}, entropy {:.3f}".format(update * size, *rows[-1]))
+        after(agent, update * size)
     envs.close()
     return agent, np.array(rows)
 

@@ -144,7 +144,7 @@ def test_every_variant_is_a_task() -> None:
 
 def test_the_benchmark_s_agent_plays_as_it_was_trained(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without BenchMARL: a saved network chooses what BenchMARL's does in the same worlds."""
-    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("AGENTS_FOLDER", str(tmp_path))
     monkeypatch.syspath_prepend(EXAMPLE.parent)
     agents, trained = runpy.run_path(str(EXAMPLE.with_name("benchmark_agents.py"))), []
     import benchmarl_mappo
@@ -156,13 +156,14 @@ def test_the_benchmark_s_agent_plays_as_it_was_trained(tmp_path: Path, monkeypat
         return trained[-1]
 
     monkeypatch.setattr(benchmarl_mappo, "experiment", experiment)
-    agents["train_mappo"]("teams_2-v1", 0, 8 * BATCH)
-    with np.load("mappo-teams_2-0.npz") as file:
+    agents["train_mappo"]("teams_2", 0, 8 * BATCH, tmp_path)
+    (newest,) = tmp_path.glob("mappo-teams_2-0-*.npz")
+    with np.load(newest) as file:
         layers = dict(file)
     sharp = {
         key: layer * 1e5 if key.startswith("4.") else layer for key, layer in layers.items()
     }  # draws the likeliest
-    np.savez("mappo-teams_2-0.npz", **sharp)
+    np.savez(newest, **sharp)
     own, env = (
         outlast.adapters.make_torchrl("teams_2", 16, seed=3, scaled=True),
         outlast.make_vec("teams_2", 16, seed=3),
