@@ -2,18 +2,16 @@
 
 import copy
 import dataclasses
-import logging
 import pickle
 
 import pytest
 
-import outlast
 from outlast import Scenario, role, variant
 from outlast.distributions import choice, integers, log_uniform, uniform
-from outlast.ecs import Module, NumberError, number
+from outlast.ecs import Module, number
 from outlast.envs.errors import ScenarioError
 from outlast.envs.scenarios.fingerprint import classes, difference, fingerprint, rebuilt
-from outlast.systems import DropLast, SafeZone, Teams
+from outlast.systems import DropLast, Teams
 
 DUEL = variant("ffa_3")
 
@@ -96,33 +94,6 @@ def test_files_identify_a_derived_scenario_as_before() -> None:
     before = {key: value for key, value in derived.items() if key != "label"}
     assert not difference(before, derived)
     assert fingerprint(DUEL.replace(cameras_mode="revealed").titled_as(DUEL)).keys() == {"name", "numbers"}
-
-
-def test_the_safe_zone_scales_with_the_room(caplog: pytest.LogCaptureFixture) -> None:
-    caplog.set_level(logging.INFO, "outlast")
-    for size in (10.0, 20.0, 20.1, 77.7, 1000.0):
-        env = outlast.make_vec("ffa_1", 1, seed=0, room_size=size)
-        radii = env.scenario.numbers()["safe_zone_radii"]
-        assert radii[0] == size / 2
-        assert radii == pytest.approx([size / 25 * each for each in DUEL.numbers()["safe_zone_radii"]])
-    scaled = [message for message in caplog.messages if "scaled" in message]  # not those on compiling
-    assert scaled[1].startswith("safe_zone_radii is scaled with room_size, to 10, 8, 6, 4, 3.2, 1.6, 0.8")
-    assert DUEL.replace(room_size=20).replace(room_size=30).replace(room_size=25) == DUEL
-
-
-def test_what_is_set_by_hand_is_not_scaled(caplog: pytest.LogCaptureFixture) -> None:
-    caplog.set_level(logging.INFO, "outlast")
-    by_hand = [
-        DUEL.replace(room_size=20, safe_zone_radii=(3, 2)),
-        DUEL.replace(safe_zone_radii=(3, 2)).replace(room_size=20),
-        DUEL.replace(room_size=20).replace(safe_zone_radii=(3, 2)).replace(room_size=20.0),
-        DUEL.without("safe_zone").with_(SafeZone(radii=(3, 2))).replace(room_size=20),
-    ]
-    assert {each.numbers()["safe_zone_radii"] for each in by_hand} == {(3.0, 2.0)}
-    assert [each.name for each in by_hand[:3]] == ["ffa_3-room_size=20-safe_zone_radii=3,2"] * 3
-    assert len(caplog.messages) == 1
-    with pytest.raises(NumberError, match=r"15 does not fit into a room of side 20 .*as in safe_zone_radii=10,5"):
-        outlast.make_vec(DUEL, 1, room_size=20, safe_zone_radii=(15, 7.5))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -169,18 +169,6 @@ def test_the_last_events_of_an_episode_are_there_after_a_reset_in_the_same_step(
     assert ends > 6
 
 
-def test_events_are_copies() -> None:
-    env = duel(ScenarioBuilder()).env
-    assert sum(map(len, env.events().values())) == 0
-    first = env.events()["strike"]
-    actions = np.tile(env.noop, (1, 2, 1))
-    actions[..., env.action_columns.index(("attack", 0))] = 1
-    env.step(actions)
-    strikes = env.events()["strike"]
-    env.step(np.tile(env.noop, (1, 2, 1)))
-    assert (len(first), len(strikes), len(env.events()["strike"])) == (0, 2, 0)
-
-
 def test_states_have_the_events_of_their_tick(tmp_path: Any) -> None:
     game = duel(ScenarioBuilder())
     game.step({0: "attack"})

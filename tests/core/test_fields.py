@@ -275,6 +275,8 @@ def sneaking(line: str) -> Module:
     [
         "view.own[i, own_stamina] = 1; view.own[i, 0] = 7",
         "row = view.own[i]; row[own_stamina] = 1; row[0] = 7",
+        "view.own[i, own_stamina - 1] = 1",
+        "for k in range(2): view.own[i, own_stamina - k] = 1",
         "view.own[i] = 0",
         "view.own[i, :own_stamina] = 7",
         "view.own[i][:] = 7",

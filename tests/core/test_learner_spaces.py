@@ -260,21 +260,6 @@ def test_forms_of_observations_hold_the_same(name: str, kind: str) -> None:
     assert len(form.flat_names) == form.flat_size == len(set(form.flat_names))
 
 
-def test_last_observations_of_episodes_have_the_form_of_all() -> None:
-    """With SameStep, in info["final_obs"]: what a batch that is reset by hand observes at the end of an episode."""
-    scenario = TEAMS.replace(ending_limit=7)
-    env = outlast.make_vec(scenario, 3, seed=2, observations="flat", scaled=True, autoreset_mode="SameStep")
-    other = outlast.make_vec(scenario, 3, seed=2, observations="flat", scaled=True, autoreset_mode="Disabled")
-    env.reset()
-    other.reset()
-    for tick in range(7):
-        actions = draw_actions(env, np.random.default_rng(tick))
-        info = env.step(actions)[4]
-        seen = other.step(actions)[0]
-    assert info["_final_obs"].all()
-    assert np.array_equal(np.stack(list(info["final_obs"])), seen)
-
-
 def row_of(observations: Any, world: int, agent: int) -> dict[str, Any]:
     return {key: values[world, agent] for key, values in observations.items()}
 
@@ -375,25 +360,6 @@ def test_a_step_writes_into_memory_of_the_callers() -> None:
 
 
 @pytest.mark.parametrize(
-    ("out", "message"),
-    [
-        ({"reward": 0}, r"out has the name 'reward': a mapping is needed, with names among observations, rewards,"),
-        (3, "out has type int: a mapping is needed"),
-        ({"rewards": np.zeros((2, 2))}, r"out\['rewards'\] is float64 \(2, 2\): a float32 array of shape \(2, 2\)"),
-        ({"observations": {"own": 0}}, r"out\['observations'\] has the keys \['own'\]: \['heal_slot'"),
-        ({"state": [0]}, r"out\['state'\] is list: a float32 array of shape \(2, 84\) is needed"),
-    ],
-)
-def test_memory_that_does_not_fit_is_refused_before_the_step(out: Any, message: str) -> None:
-    env = outlast.make_vec("ffa_1", 2, seed=0)
-    env.reset()
-    before = digest(env.worlds)
-    with pytest.raises(ValueError, match=message):
-        env.step(np.tile(env.noop, (2, 2, 1)), out=out)
-    assert digest(env.worlds) == before
-
-
-@pytest.mark.parametrize(
     ("options", "message"),
     [
         ({"actions": "discrete"}, "actions = 'discrete': allowed are 'multi', 'joint', 'continuous'"),
@@ -415,19 +381,6 @@ def test_joint_actions_out_of_range_are_named() -> None:
         ActionError, match=r"shape \(2, 2, 6\): \(worlds, agents\) = \(2, 2\) is needed, as each is a joint"
     ):
         env.step(np.zeros((2, 2, 6), int))
-
-
-@pytest.mark.parametrize("form", ["multi", "joint"])
-def test_actions_that_their_type_cannot_hold_are_refused(form: str) -> None:
-    """Of 201 values, 200 is -56 in eight bits with a sign: neither 200, nor another action, nor a step without one."""
-    env = outlast.make_vec(
-        outlast.variant("ffa_1").with_(FineMotors()) if form == "multi" else "ffa_1", 2, actions=form
-    )
-    env.reset()
-    before, given = digest(env.worlds), env.noop[None, None].repeat(2, 0).repeat(2, 1)
-    with pytest.raises(ActionError, match=r"is -56: 0 to (200|215) is allowed"):
-        env.step(np.where(np.arange(given.size).reshape(given.shape) == 0, -56, given).astype(np.int8))
-    assert digest(env.worlds) == before
 
 
 def test_small_types_hold_small_actions() -> None:

@@ -1,5 +1,7 @@
 """Levels: what an episode was made from, kept, changed, and played again."""
 
+import copy
+import functools
 import json
 import math
 from collections.abc import Callable, Iterator
@@ -63,45 +65,71 @@ def test_a_level_is_the_episode_again() -> None:
     assert other.levels() == own.levels()
 
 
-def test_a_level_waits_for_its_world_and_a_seed_ends_it() -> None:
-    """A world that plays levels with keys, several in a row, goes on with its own; a new seed begins anew."""
-    env, own = make(seed=3), make(seed=3)
-    for key in ((7, 0, 1), (8, 1, 4)):
-        env.set_levels([Level(key=key)])
-        env.reset(), own.reset()
-        assert {level.key for level in env.levels()} == {key}
-    env.set_state(env.get_state())
-    env.reset(), own.reset()
-    assert env.levels() == own.levels()
-    env.set_levels([Level(key=(7, 0, 1))])
-    env.reset(), env.reset(seed=5), own.reset(seed=5)
-    env.reset(), own.reset()
-    assert env.levels() == own.levels()
-
-
-def test_levels_are_for_one_episode_of_the_worlds_that_are_meant() -> None:
-    env, expected = make(), make()
-    mask = np.arange(6) % 2 == 0
-    env.set_levels([Level({"agents_count": 4, "melee_damage": 7})], mask=mask)
-    assert env.levels() == expected.levels()
-    env.reset(), expected.reset()
-    numbers, drawn = env.numbers(), expected.numbers()
-    assert (numbers["agents_count"][mask] == 4).all()
-    assert (numbers["melee_damage"][mask] == 7).all()
-    assert numbers["cameras_depth"].tolist() == drawn["cameras_depth"].tolist()
-    assert numbers["melee_damage"][~mask].tolist() == drawn["melee_damage"][~mask].tolist()
-    env.reset(), expected.reset()
-    assert env.levels() == expected.levels()
-
-
-def test_numbers_that_are_set_stay_behind_a_level() -> None:
-    env = make()
-    env.set_numbers(melee_damage=11)
-    env.set_levels([Level({"agents_count": 2})])
-    for count in (2, None):
+@functools.cache
+def drawn(seed: int, world: int, episode: int) -> dict[str, Any]:
+    """The numbers that a world alone draws for an episode."""
+    env = outlast.make_vec(DUEL, 1, seed=seed, first_world=world)
+    for _ in range(episode):
         env.reset()
-        assert (env.numbers()["melee_damage"] == 11).all()
-        assert count is None or (env.numbers()["agents_count"] == count).all()
+    return dict(env.levels()[0].numbers)
+
+
+class Planned:
+    """What a world plays, and what it is going to play: numbers until they are taken back, or for one episode."""
+
+    def __init__(self, world: int, seed: int) -> None:
+        self.key, self.waiting, self.numbers, self.once = [seed, world, 0], None, dict[str, Any](), set[str]()
+        self.begin()
+
+    def give(self, level: Level) -> None:
+        self.numbers = {name: value for name, value in self.numbers.items() if name not in self.once} | level.numbers
+        self.once, self.waiting = {*level.numbers}, level.key
+
+    def set(self, numbers: dict[str, Any]) -> None:
+        self.numbers = {name: value for name, value in (self.numbers | numbers).items() if value is not None}
+        self.once -= numbers.keys()
+
+    def begin(self, seed: int | None = None) -> None:
+        self.key = self.key if seed is None else [seed, self.key[1], 0]
+        self.key[2] += 1
+        key = self.waiting or tuple(self.key)
+        self.plays = Level(drawn(*key) | self.numbers, key)
+        self.give(Level())
+
+
+@pytest.mark.parametrize("seed", range(scaled(8, least=1)))
+def test_levels_numbers_seeds_and_states_in_any_order(seed: int) -> None:
+    """Each world plays what was given to it, a level once and numbers until they are taken back; and then its own."""
+    rng, env, worlds = np.random.default_rng(seed), make(), [Planned(w, 3) for w in range(6)]
+    kept = env.get_state(), copy.deepcopy(worlds)
+    for _ in range(60):
+        mask = rng.random(6) < 0.5
+        mask[rng.integers(6)] = True
+        chosen = [worlds[w] for w in np.flatnonzero(mask)]
+        counts = {"agents_count": int(rng.integers(2, 5))} if rng.random() < 0.7 else {}
+        match rng.choice(["set", "free", "give", "keep", "restore", "reset", "reset", "seed"]):
+            case "set" | "free" as call:
+                numbers = {"melee_damage": int(rng.integers(5, 21)), **counts}
+                numbers = numbers if call == "set" else dict.fromkeys(numbers)
+                env.set_numbers(numbers, mask=mask)
+                for world in chosen:
+                    world.set(numbers)
+            case "give":
+                key = (int(rng.integers(9)), 0, int(rng.integers(1, 4))) if rng.random() < 0.5 else None
+                env.set_levels([Level(counts, key)], mask=mask)
+                for world in chosen:
+                    world.give(Level(counts, key))
+            case "keep":
+                kept = env.get_state(), copy.deepcopy(worlds)
+            case "restore":
+                env.set_state(kept[0])
+                worlds = copy.deepcopy(kept[1])
+            case call:
+                begun = int(rng.integers(9)) if call == "seed" else None
+                env.reset(seed=begun, options={"reset_mask": mask})
+                for world in chosen:
+                    world.begin(begun)
+        assert env.levels() == [world.plays for world in worlds]
 
 
 def test_mutations_change_so_many_numbers_and_stay_in_range() -> None:
@@ -252,17 +280,6 @@ def test_recordings_with_other_words_are_refused(tmp_path: Path) -> None:
     recording.header["given"] -= 1
     with pytest.raises(RecordingError, match="words of given numbers"):
         outlast.Replay(recording)
-
-
-def test_levels_that_wait_are_replaced_by_those_that_follow() -> None:
-    env, expected = make(), make()
-    for each in (env, expected):
-        each.set_numbers(cameras_depth=7.0)
-    env.set_levels([Level({"melee_damage": 7}, (9, 9, 9))])
-    env.set_levels([Level({"agents_count": 2})])
-    expected.set_levels([Level({"agents_count": 2})])
-    env.reset(), expected.reset()
-    assert env.levels() == expected.levels()
 
 
 PLAN = FloorPlan(walls=[(-4, 0, 0.5, 8), (4, 0, 0.5, 8, 0.6)])

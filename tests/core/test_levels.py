@@ -189,23 +189,6 @@ def test_a_number_draws_the_same_whatever_else_varies() -> None:
     assert one.numbers()["melee_damage"].tolist() == other.numbers()["melee_damage"].tolist()
 
 
-def test_numbers_are_set_from_the_next_reset_on_and_drawn_again() -> None:
-    env = make(outlast.variant("ffa_1").vary(melee_damage=integers(5, 20), n_heals=integers(1, 15)))
-    drawn = env.numbers()
-    mask = np.arange(8) < 4
-    env.set_numbers({"melee_damage": np.arange(8) + 10, "n_heals": 3}, mask=mask)
-    assert env.numbers()["melee_damage"].tolist() == drawn["melee_damage"].tolist()
-    _, info = env.reset()
-    assert info["numbers"]["melee_damage"][:4].tolist() == [10, 11, 12, 13]
-    assert info["numbers"]["heals_count"][:4].tolist() == [3] * 4
-    expected = make(outlast.variant("ffa_1").vary(melee_damage=integers(5, 20), n_heals=integers(1, 15)))
-    expected.reset()
-    assert info["numbers"]["melee_damage"][4:].tolist() == expected.numbers()["melee_damage"][4:].tolist()
-    env.set_numbers(melee_damage=None, n_heals=None)
-    env.reset(), expected.reset()
-    assert env.numbers()["melee_damage"].tolist() == expected.numbers()["melee_damage"].tolist()
-
-
 def test_numbers_are_observed_by_all_who_are_there() -> None:
     env = make(TEAMS.observe_numbers("melee_damage", "safe_zone_radii"))
     observations, info = env.reset()
@@ -227,24 +210,6 @@ def test_statistics_have_the_numbers_of_the_episode() -> None:
                 assert info["statistics"]["melee_damage"][w] == numbers["melee_damage"][w]
         if "_statistics" in info:
             assert (info["statistics"]["length"] == info["statistics"]["ending_limit"])[info["_statistics"]].all()
-
-
-def test_states_and_files_keep_what_was_drawn_and_set(tmp_path: Path) -> None:
-    env, rng = make(), np.random.default_rng(1)
-    env.set_numbers({"n_agents": 3}, mask=np.arange(8) < 2)
-    for _ in range(scaled(20, least=2)):
-        env.step(draw_actions(env, rng))
-    env.get_state().save(tmp_path / "state.npz")
-    other = outlast.make_vec(TEAMS, 8, seed=99)
-    other.reset()
-    other.set_state(outlast.State.load(tmp_path / "state.npz"))
-    for _ in range(2):
-        assert {k: v.tolist() for k, v in env.worlds.numbers().items()} == {
-            k: v.tolist() for k, v in other.worlds.numbers().items()
-        }
-        np.testing.assert_array_equal(env.worlds.block, other.worlds.block)
-        env.reset(), other.reset()
-    assert (env.numbers()["agents_count"][:2] == 3).all()
 
 
 def test_recordings_replay_what_was_drawn_and_set(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast import Recording, Replay, make_vec, variant
+from outlast import make_vec, variant
 from outlast.components import Bag, Health, Phase, Shape, Side, Solid
 from outlast.ecs import AgentRoles, NumberError, Rows, Write
 from outlast.envs.core.agents import side
@@ -20,7 +20,7 @@ from outlast.envs.scenarios.fingerprint import classes, difference, fingerprint,
 from outlast.envs.scenarios.parse import with_roles
 from outlast.envs.scenarios.scenario_json import plain_roles, roles_of
 from outlast.systems import DropLast, Melee, Teams
-from tests.conftest import COMPILED, draw_actions, run, scaled
+from tests.conftest import draw_actions, run, scaled
 from tests.helpers.mechanics import kind
 
 WORLDS, TICKS = scaled(32, least=3), scaled(300, least=15)
@@ -98,13 +98,6 @@ def make_strong(
 def test_a_role_is_what_a_mechanic_that_writes_columns_makes() -> None:
     strong = outlast.role(1, agents_health=70, agents_radius=0.8, agents_density=2.0, inventory_capacity=1)
     alike(ONE_THREE.roles(strong=strong, others=outlast.role(), observed=False), ONE_THREE.with_(Strong()))
-
-
-def test_roles_that_change_nothing_leave_the_game_as_it_is() -> None:
-    """As a sweep has it, one of whose values is that of the scenario."""
-    same = {name: ONE_THREE.numbers()[name] for name in ("agents_health", "agents_radius", "melee_damage")}
-    for one in (outlast.role(1), outlast.role(1, **same)):
-        alike(ONE_THREE.roles(one=one, others=outlast.role(), observed=False), ONE_THREE)
 
 
 def test_teams_have_their_sizes() -> None:
@@ -279,28 +272,6 @@ def test_numbers_of_a_role_need_to_fit_each_other_only() -> None:
 def test_roles_are_not_observed_without_roles() -> None:
     with pytest.raises(NumberError, match=r"observe_roles\.count = 2, but there are 0 roles"):
         make_vec(variant("ffa_1").with_(outlast.systems.ObserveRoles()), 1)
-
-
-@pytest.mark.skipif(not COMPILED, reason="whole episodes")
-def test_recordings_replay_with_roles(tmp_path: Path) -> None:
-    env = make_vec(DRAWN, 4, seed=1)
-    with outlast.record(env, tmp_path / "run.rec"):
-        assert len([*steps(env, 40)]) == 41
-    recording = Recording.open(tmp_path / "run.rec")
-    assert recording.scenario.by_role == DRAWN.by_role
-    replay = Replay(recording)
-    assert [*replay.ticks()]
-    assert (replay.worlds.block == env.worlds.block).all()
-
-
-def test_roles_are_data() -> None:
-    melee = outlast.distributions.choice(1, 5)
-    game = outlast.variant("ffa_2").roles(
-        a=outlast.role(1, melee_damage=melee), b=outlast.role(agents=(1,)), drawn="anyone"
-    )
-    given = game.by_role
-    assert given
-    assert roles_of(json.loads(json.dumps(plain_roles(given)))) == given
 
 
 @pytest.mark.parametrize("change", [{"count": 1.5}, {"agents": [-1]}, {"agents": [1, 1]}, {"name": "a b"}])

@@ -38,7 +38,7 @@ from outlast.envs.errors import ScenarioError
 from outlast.envs.scenarios.fingerprint import difference, fingerprint
 from outlast.envs.scenarios.parse import resolve
 from outlast.envs.scenarios.variants import ALIASES
-from outlast.systems import Boxes, DropLast, FreeForAll, Melee, Pickup, Teams
+from outlast.systems import Boxes, DropLast, FreeForAll, Melee, Teams
 from tests.conftest import draw_actions, nightly_compiled
 from tests.helpers.mechanics import DUEL, kind, mechanic, taking
 
@@ -260,12 +260,6 @@ def test_modules_that_others_need_cannot_be_left_out_alone(names: tuple[str, ...
     error, words = NEEDED[names]
     with pytest.raises(error, match=words):
         make_vec(derived(names), 1)
-
-
-def test_an_extra_module_adds_its_action() -> None:
-    assert Pickup in variant("teams_3")
-    env = make_vec(variant("teams_3").with_(DropLast()), 1)
-    assert env.single_action_space.nvec.tolist() == [[3, 3, 3, 2, 2, 2, 2]] * 4
 
 
 def test_the_schedule_is_the_golden_one() -> None:

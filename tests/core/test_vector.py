@@ -10,7 +10,7 @@ from outlast.components import Body, Episode, Phase, Reward
 from outlast.ecs import Clock, Read, Worlds
 from outlast.envs.core.agents import agent_statistics, alive, side
 from outlast.envs.errors import FaultError, NotResetError
-from tests.conftest import digest, draw_actions, scaled
+from tests.conftest import digest, scaled
 from tests.digests import numbered_actions
 from tests.helpers.execution_modes import equal, short
 from tests.helpers.mechanics import kind
@@ -44,23 +44,6 @@ def test_spaces_are_those_of_the_rules(name: str) -> None:
         assert (values.dtype, values.shape) == (np.float32, (2, agents, *shapes[key]))
     mask = space["heals_mask"]
     assert (mask.low.min(), mask.high.max()) == (0, 1)
-
-
-@pytest.mark.parametrize("agents", [1, 3, 40])
-def test_any_number_of_agents(agents: int) -> None:
-    """Also a single one, which has no others; and the same compiled tick serves them all."""
-    env = make_vec(variant("ffa_1").replace(n_agents=agents), 2, seed=0)
-    observations, _ = env.reset()
-    assert observations["others"].shape == (2, agents, agents - 1, 8)
-    rng = np.random.default_rng(0)
-    for _ in range(5):
-        observations, reward, terminated, truncated, _ = env.step(draw_actions(env, rng))
-    assert (reward.dtype, reward.shape) == (np.float32, (2, agents))
-    for flag in (terminated, truncated):
-        assert (flag.dtype, flag.shape) == (bool, (2,))
-    assert observations["own"][:, :, 0].tolist() == [list(range(agents))] * 2
-    assert (reward == 1).all()
-    assert not terminated.any()
 
 
 def test_observations_are_copies_unless_views_are_asked_for() -> None:
@@ -146,14 +129,3 @@ def test_compilation_is_logged_and_not_printed(
         make_vec("ffa_1", 1)
     assert [record.getMessage().split()[0] for record in caplog.records] == ["compiling", "compiled"]
     assert capsys.readouterr() == ("", "")
-
-
-def test_frames_stay_readable_after_a_step() -> None:
-    env = make_vec("ffa_1", 2, seed=0, render_mode="ansi")
-    env.reset()
-    frames = env.render()
-    assert isinstance(frames, tuple)
-    kept = list(frames)
-    for tick in range(30):
-        env.step(numbered_actions(env, tick))
-    assert list(frames) == kept != list(env.render() or ())

@@ -22,11 +22,8 @@ from outlast.ecs import (
     emit,
     number,
 )
-from tests.conftest import scaled
 from tests.helpers.mechanics import kind, mechanic, taking
 from tests.helpers.toy_game import GAME, RESET, SKIP, STEP, Energy, Phase, Place, Toy, make, run, walked
-
-MANY = scaled(200, least=40)  # more than a thread takes at a time
 
 
 class Ring(Event, capacity="rings"):
@@ -144,15 +141,6 @@ def test_an_entry_begins_as_zeros() -> None:
     run(worlds, [STEP, STEP, RESET])
     assert [worlds[Ring].count[w, 0] for w in (0, 2)] == [6, 0]
     assert worlds[Ring].marks[0, :6].tolist() == [[0, 0, 255]] * 6
-
-
-def test_threads_change_nothing() -> None:
-    one, three = make(*GAME, Bell(), count=MANY), make(*GAME, Bell(), count=MANY, threads=3)
-    for worlds in (one, three):
-        walked(worlds, 4)
-    assert all((rows == three.events()[name]).all() for name, rows in one.events().items())
-    assert one[Ring].count.sum() == MANY * 6
-    three.close()
 
 
 def test_the_state_of_a_world_is_as_without_events() -> None:

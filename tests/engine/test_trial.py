@@ -358,16 +358,15 @@ def test_on_stand_ins_systems_do_the_same(name: str) -> None:
     assert_stand_ins_change_nothing(MORE[name]() if name in MORE else outlast.variant(name), scaled(60, least=4))
 
 
-# ---- fields, and numbers in which roles differ
+# ---- numbers in which roles differ
 
 
 @dataclass(frozen=True)
 class Spoken(Module):
-    size: int = number(1, low=1, high=9, about="columns of the field")
     harm: float = number(15.0, per_agent=True)
 
     def fields(self) -> Any:
-        return {"own": (Field("said", size=self.size),)}
+        return {"own": (Field("said"),)}
 
 
 def mechanic(base: type[Module], body: str) -> Any:
@@ -377,29 +376,6 @@ def mechanic(base: type[Module], body: str) -> Any:
     made = kind("Speech", base)
     made.system(Phase.OBSERVE)(written(text, {**vars(ecs), **globals()}, f"mine {hash(text)}.py"))
     return made
-
-
-@pytest.mark.parametrize(
-    ("body", "least"),
-    [
-        ("view.own[i, own_said - 1] = 1", 0),
-        ("view.own[i, 2 + own_said] = 1", 3),
-        ("for k in range(1, 6, 2): view.own[i, own_said + (k - 1) // 2] = view.own[i, 2 * k - 2 + own_said] = 1", 9),
-        ("view.own[i] = 1", 0),
-        ("row = view.own[i]; row[own_said] = 1", 1),
-        ("row = view.own[i]; row[0] = 1", 0),
-    ],
-)
-def test_a_system_writes_no_columns_beside_its_field(body: str, least: int) -> None:
-    """least: how many columns the field must have at least; 0: as many as there are do not help."""
-    speech = mechanic(Spoken, body)
-    if least:
-        outlast.variant("ffa_1").with_(speech(size=least)).worlds(1)
-    if least != 1:
-        with pytest.raises(
-            (DeclarationError, IndexError), match=r"SelfView\.own(: index| beside the fields of its Off)"
-        ):
-            outlast.variant("ffa_1").with_(speech(size=max(1, least - 1))).worlds(1)
 
 
 @pytest.mark.parametrize(

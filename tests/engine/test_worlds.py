@@ -208,14 +208,6 @@ def test_more_entities_move_no_draw_of_those_before() -> None:
 # ---- threads
 
 
-def test_a_world_among_many_is_what_it_is_alone() -> None:
-    batch = walked(make(count=64), 10)
-    for w in (0, 1, 31, 63):
-        assert digest(walked(make(count=1, first=w), 10)) == digest(batch, slice(w, w + 1))
-    part = walked(make(count=7, first=20), 10)
-    assert digest(part) == digest(batch, slice(20, 27))
-
-
 @pytest.mark.parametrize("threads", [2, 3, 5])
 def test_threads_give_the_same_bits(threads: int) -> None:
     worlds = make(count=MANY, threads=threads)
