@@ -15,7 +15,7 @@ from outlast.envs.adapters.registry import IDS
 from outlast.envs.cli.schedule import uses
 from outlast.envs.core.spaces import published
 from outlast.envs.rendering.layers import FILM_LAYERS_BY_NAME, FILM_OPTIONAL, LAYERS
-from outlast.envs.scenarios.number_table import in_words, number_rows
+from outlast.envs.scenarios.number_table import allowed, in_words, number_rows
 from outlast.training.base.hyperparameters import Hyperparameters
 from outlast.training.base.presets import PRESETS
 from outlast.training.base.quantities import COLUMNS
@@ -107,13 +107,13 @@ def ppo() -> str:
     """The numbers of PPO: values in the paper's runs and in preset fast, allowed values, and their meaning."""
     paper, fast, rows = Hyperparameters(), PRESETS["fast"].numbers, []
     for item in dataclasses.fields(Hyperparameters):
-        words, text = item.metadata["range"][0], item.metadata["text"]
+        text = item.metadata["about"]
         values = [shown(getattr(own, item.name)) for own in (paper, fast)]
         rows.append(
             [
                 code(item.name),
                 *values,
-                f"a number {words}" if words else "true, false",
+                allowed(item.default, item.metadata),
                 f"{text[:1].upper()}{text[1:]}.",
             ]
         )

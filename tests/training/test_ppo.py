@@ -371,10 +371,10 @@ def test_every_number_that_can_be_set_changes_an_update(name: str) -> None:
         ({"device": "abacus"}, "device abacus does not exist here; take cpu"),
         ({"dead": "bury"}, "dead = 'bury': allowed are 'keep', 'drop'"),
         ({"worlds": 8, "rollout": 100}, "100 steps cannot be shared evenly by 8 worlds: .* such as --rollout 96"),
-        ({"target_kl": None}, "target_kl=None: a number like 0.01 is needed"),
-        ({"n_epochs": 2.5}, "n_epochs=2.5: a whole number like 400 is needed"),
-        ({"anneal_lr": 1}, "anneal_lr=1: true or false is needed"),
-        ({"vf_coef": True}, "vf_coef=True: a number like 0.5 is needed"),
+        ({"target_kl": None}, "target_kl = None: a finite number .* is needed"),
+        ({"n_epochs": 2.5}, "n_epochs = 2.5: an integer .* is needed"),
+        ({"anneal_lr": 1}, "anneal_lr = 1: True or False is needed"),
+        ({"vf_coef": True}, "vf_coef = True: a finite number .* is needed"),
         ({"gama": 1}, "PPO has no hyperparameter 'gama'; did you mean gamma"),
     ],
 )
@@ -386,15 +386,15 @@ def test_what_cannot_be_is_refused(options: dict[str, Any], message: str) -> Non
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("gamma=2", "gamma=2.0: a finite number from 0 to 1 is needed"),
-        ("clip_range=nan", "clip_range=nan: a finite number above 0 is needed"),
-        ("target_kl=inf", "target_kl=inf: a finite number of at least 0 is needed"),
-        ("batch_size=1", "batch_size=1: a finite number of at least 2 is needed"),
-        ("n_epochs=0", "n_epochs=0: a finite number of at least 1 is needed"),
-        ("batch_size=64.5", "batch_size=64.5: a whole number like 512 is needed"),
-        ("anneal_lr=perhaps", "anneal_lr=perhaps: true or false is needed"),
+        ("gamma=2", "gamma = 2.0: must be >= 0 and <= 1"),
+        ("clip_range=nan", "clip_range = nan: a finite number .* is needed"),
+        ("target_kl=inf", "target_kl = inf: a finite number .* is needed"),
+        ("batch_size=1", "batch_size = 1: must be >= 2"),
+        ("n_epochs=0", "n_epochs = 0: must be >= 1"),
+        ("batch_size=64.5", "batch_size = 64.5: an integer .* is needed"),
+        ("anneal_lr=perhaps", "anneal_lr = 'perhaps': True or False is needed"),
         ("normalise=1", "PPO has no hyperparameter 'normalise'; known: learning_rate, anneal_lr, batch_size"),
-        ("gamma", "gamma: a number like 0.99 is needed"),
+        ("gamma", "gamma = '': a finite number .* is needed"),
         ("gamma=0.9 gamma=0.99", "gamma is given twice"),
     ],
 )
@@ -410,9 +410,7 @@ def test_numbers_of_ppo() -> None:
     found = config.steps, config.numbers.batch_size
     assert found == (1000, 64)
     assert {type(number) for number in found} == {int}
-    names = [each.name for each in dataclasses.fields(Hyperparameters)]
-    truths = {name for name in names if isinstance(getattr(Hyperparameters, name), bool)}
-    assert hyperparameters.RANGES.keys() | truths == OTHERS.keys() == set(names)
+    assert hyperparameters.KINDS.keys() == OTHERS.keys()
     assert TrainingConfig(SHORT, "original").numbers == Hyperparameters()
     assert torch.equal(updated(anneal_lr=True, learning_rate=2e-4), updated(learning_rate=1e-4))
 
