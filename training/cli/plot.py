@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from outlast.envs.cli.options import add_options, output
+from outlast.envs.cli.options import add_options, given_options, output
 
 from ..base.files import check_out
 from ..plots.plot import DRAWN, PlotOptions, plot
@@ -43,9 +43,7 @@ def _names(text: str) -> tuple[str, ...]:
 
 def run(options: argparse.Namespace) -> int:
     """Draw. Return the exit status. Writes nothing if a run is invalid."""
-    found = plot(
-        options.runs, Path(options.out), by=options.by, curves=options.curves, x=options.x, form=options.format
-    )
+    found = plot(options.runs, **given_options(options, PlotOptions))
     print(found)
     print("\n".join(map(str, found.files)))
     return 0
