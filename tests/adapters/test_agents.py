@@ -178,32 +178,6 @@ def test_a_mask_resets_whole_worlds() -> None:
     assert not equal(after, before)
 
 
-@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
-def test_a_state_of_an_end_begins_the_next_episode(mode: str) -> None:
-    """In the next step, as in the batched environment, also where only some worlds had ended."""
-    ended = make_vec(short("teams_3"), 3, seed=SEED, autoreset_mode="Disabled")
-    ended.reset()
-    done = np.zeros(3, bool)
-    while not done.any():
-        _, _, terminated, truncated, _ = ended.step(np.tile(ended.noop, (3, 4, 1)))
-        done = terminated | truncated
-    env, batch = make(worlds=3, autoreset_mode=mode), make_vec(short("teams_3"), 3, autoreset_mode=mode)
-    for each in (env, batch):
-        each.reset()
-        each.set_state(ended.get_state())
-    for tick in range(STEPS):
-        actions = drawn(env, tick)
-        seen, rewards, *ends, info = env.step(actions)
-        expected, reward, terminated, truncated, there = batch.step(actions.reshape(3, 4, 6))
-        assert equal(seen, {key: rows(values) for key, values in expected.items()})
-        assert np.array_equal(rewards, rows(reward))
-        assert all(np.array_equal(one, np.repeat(other, 4)) for one, other in zip(ends, (terminated, truncated)))
-        assert np.array_equal(info["alive"], rows(there["alive"]))
-        if tick == 0:
-            assert not rewards.reshape(3, 4)[done].any()
-    assert not done.all()
-
-
 def rows_with(value: Any, where: tuple[int, int] = (5, 3)) -> Any:
     actions = np.zeros((8, 6), np.int64)
     actions[where] = value

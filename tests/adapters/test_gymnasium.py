@@ -155,24 +155,6 @@ def test_a_window_for_many_worlds_is_gymnasiums(monkeypatch: pytest.MonkeyPatch)
     env.close()
 
 
-def test_copies_go_on_from_where_an_environment_is() -> None:
-    """Also under wrappers, which copy what they count, and into the next episode."""
-    env = gymnasium.make("outlast/Teams-v1", learner=2, others="scripted", max_episode_steps=5)
-    with pytest.raises(NotResetError):
-        copy.deepcopy(env.unwrapped).step(IDLE)
-    env.reset(seed=SEED)
-    env.step(IDLE)
-    env.action_space.seed(3)
-    other = copy.deepcopy(env)
-    assert other.unwrapped.spec == env.unwrapped.spec
-    for _ in range(4):
-        (seen, *result, _), (expected, *wanted, _) = (each.step(each.action_space.sample()) for each in (other, env))
-        assert equal(seen, expected)
-        assert result == wanted
-    assert result[-1]
-    assert equal(other.reset()[0], env.reset()[0])
-
-
 class Wanderer:
     """Turns for as many ticks as it has been called for in a world, and then walks."""
 

@@ -153,24 +153,6 @@ def test_views_and_copies_show_the_same() -> None:
         assert not after[1][key].flags.writeable
 
 
-def test_random_others_are_uniform_and_independent() -> None:
-    """Of 216 joint actions each comes equally often, and two agents and two ticks agree by chance only."""
-    batch = outlast.make_vec("teams_3", 256, seed=[*range(256)])
-    batch.reset()
-    opponents = Lineup([("random", 1)], batch, 0)
-    drawn = []
-    for _ in range(30):
-        drawn.append(opponents.actions().astype(int))
-        batch.step(np.zeros((256, 4, 6), int))
-    joint = np.ravel_multi_index(tuple(np.moveaxis(np.array(drawn), -1, 0)), (3, 3, 3, 2, 2, 2))
-    counts = np.bincount(joint.ravel(), minlength=216)
-    expected = joint.size / 216
-    assert abs(((counts - expected) ** 2 / expected).sum() - 215) < 5 * np.sqrt(2 * 215)
-    for one, other in ((joint[1:], joint[:-1]), (joint[:, :, 0], joint[:, :, 1]), (joint[:, 1:], joint[:, :-1])):
-        agree, error = (one == other).mean(), np.sqrt(1 / 216 / one.size)
-        assert abs(agree - 1 / 216) < 5 * error
-
-
 def test_random_others_do_the_same_whoever_learns() -> None:
     batch = outlast.make_vec("teams_3", 3, seed=0)
     batch.reset()

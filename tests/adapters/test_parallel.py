@@ -362,19 +362,6 @@ def test_masks_are_where_classic_games_have_them(dead: str, form: dict[str, Any]
         found, *_, more = env.step(actions)
 
 
-def test_calls_out_of_order() -> None:
-    env = short(render_mode="ansi")
-    assert (env.agents, env.num_agents, env.max_num_agents) == ([], 0, 4)
-    for call in (lambda: env.step({}), env.state, env.action_masks, env.render):
-        with pytest.raises(NotResetError, match=r"reset\(\)"):
-            call()
-    env.reset()
-    list(play(env))
-    with pytest.raises(NotResetError, match=r"episode is over.*reset\(\)"):
-        env.step(dict.fromkeys(env.possible_agents, 0))
-    assert env.state_space.contains(env.state())  # the end can be looked at
-
-
 @pytest.mark.parametrize(
     ("options", "error", "message"),
     [

@@ -52,31 +52,6 @@ def alike(one: list[Any], other: list[Any]) -> bool:
 
 
 @needs_puffer
-@pytest.mark.parametrize("name", ["ffa_1", "ffa_3", "teams_3", HUNT, *EACH_LEVEL])
-def test_a_world_is_what_puffers_emulation_makes_of_pettingzoo(name: str) -> None:
-    """Bit by bit, through ends of both kinds, after which the native world is already in its next episode."""
-    env = make(name, 1)
-    reference = pufferlib.emulation.PettingZooPufferEnv(env=outlast.adapters.parallel_env(short(name), dead="keep"))
-    assert env.single_action_space == reference.single_action_space
-    assert env.single_observation_space.shape == reference.single_observation_space.shape
-    assert env.num_agents == reference.num_agents
-    env.reset(seed=SEED)
-    reference.reset(seed=SEED)
-    ends = 0
-    for tick in range(STEPS):
-        assert alike([env.observations], [reference.observations])
-        actions = drawn(env, tick).astype(np.int32)
-        env.step(actions)
-        reference.step(actions)
-        outcome = [[each.rewards, each.terminals, each.truncations] for each in (env, reference)]
-        assert alike(*outcome)
-        if reference.done:
-            reference.reset()
-            ends += 1
-    assert ends > 0
-
-
-@needs_puffer
 @pytest.mark.parametrize("name", ["ffa_3", "teams_3", HUNT, *EACH_LEVEL])
 def test_it_is_the_batched_environment(name: str) -> None:
     """Beside SAME_STEP with the same seed: rows, ends, agents alive, and the statistics of episodes."""

@@ -167,18 +167,6 @@ def test_no_seed_is_a_new_one() -> None:
     assert len(set(drawn)) == 6
 
 
-def test_actions_are_those_of_step_async() -> None:
-    """Whatever becomes of the array until step_wait; any integers will do."""
-    env, other = make_sb3("ffa_1", 2, seed=0), make_sb3("ffa_1", 2, seed=0)
-    env.reset()
-    other.reset()
-    actions = np.tile(np.array([2, 0, 1, 0, 1, 0], np.int8), (4, 1))
-    env.step_async(actions)
-    expected, *_ = other.step(actions.tolist())
-    actions[:] = 0
-    assert equal(env.step_wait()[0], expected)
-
-
 def test_step_async_and_step_wait_take_turns() -> None:
     env, other = make_sb3("ffa_1", 2, seed=0), make_sb3("ffa_1", 2, seed=0)
     actions = np.tile([2, 1, 1, 0, 0, 0], (4, 1))

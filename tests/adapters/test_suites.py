@@ -4,6 +4,7 @@ TorchRL's and RLlib's are in test_torchrl.py and test_rllib.py.
 """
 
 import contextlib
+import copy
 import importlib
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import outlast
+from outlast.ecs import Clock
 from tests.conftest import few_by_day
 from tests.helpers.covering import covering
 from tests.helpers.execution_modes import ALL, HUNT, short
@@ -192,3 +194,20 @@ def test_masks_are_those_of_the_worlds(name: str, actions: str) -> None:
             break
     for each in (plain, *batches.values()):
         each.close()
+
+
+def test_a_seed_repeats_how_many_frames_supersuit_skips() -> None:
+    """The reset's and the constructor's, in the generator that copies go on with; worlds draw nothing from it."""
+    pytest.importorskip("pettingzoo", reason="needs pettingzoo: outlast[pettingzoo]")
+    supersuit = pytest.importorskip("supersuit", reason="needs SuperSuit: outlast[test-all]")
+    env = outlast.adapters.parallel_env(short("ffa_3"), dead="keep", seed=SEED)
+    first = copy.deepcopy(env).np_random.integers(0, 1000, 5).tolist()
+    for options in ({}, {"seed": SEED}):
+        env.reset(**options)
+        assert env.np_random.integers(0, 1000, 5).tolist() == first
+    skipping, ticks = supersuit.frame_skip_v0(env, (1, 6)), []
+    for _ in range(2):
+        skipping.reset(seed=SEED)
+        skipping.step(dict.fromkeys(env.possible_agents, np.ones(6, int)))
+        ticks.append(env.base_env.worlds[Clock].tick[0, 0])
+    assert ticks[0] == ticks[1]

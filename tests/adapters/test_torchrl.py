@@ -220,28 +220,6 @@ def test_frames_are_skipped_also_where_a_world_ends_between() -> None:
     assert rollout["next", "done"].any()
 
 
-def test_a_step_of_some_worlds_is_theirs_alone() -> None:
-    env, plain = make(), outlast.make_vec(short("teams_3"), WORLDS, n_agents=4, agents_health=10, seed=SEED)
-    td, some = env.reset(), torch.tensor([True, False, True, True])
-    joint = outlast.make_vec(short("teams_3"), 1, n_agents=4, actions="joint")
-    plain.reset()
-    td["agents", "action"] = env.full_action_spec["agents", "action"].rand()
-    plain.step(joint._actions.rows(td["agents", "action"].numpy(), (WORLDS, 4)))
-    td = env.step(td)["next"]  # which pays
-    assert td["agents", "reward"][1].any()
-    before = env.vector_env.get_state([1])
-    td["agents", "action"] = env.full_action_spec["agents", "action"].rand()
-    td["_step"] = some
-    after = env.step(td.clone())["next"]
-    seen, *_ = plain.step(joint._actions.rows(td["agents", "action"].numpy(), (WORLDS, 4)))
-    flat = np.concatenate([values.reshape(WORLDS, 4, -1) for values in seen.values()], 2)
-    np.testing.assert_array_equal(after["agents", "observation"][some].numpy(), flat[some.numpy()])
-    assert env.vector_env.worlds[Clock].tick[:, 0].tolist() == [2, 1, 2, 2]
-    assert not after["agents", "reward"][1].any()
-    for key, values in before.arrays.items():
-        np.testing.assert_array_equal(env.vector_env.get_state([1]).arrays[key], values)
-
-
 def test_steps_of_some_worlds_are_recorded(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     """Each tick replays to the bit; and nobody dies, or stops everything, twice."""
     env = make(worlds=6, agents_health=3, max_episode_steps=60)

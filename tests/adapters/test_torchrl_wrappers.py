@@ -4,7 +4,6 @@ import warnings
 from typing import Any
 
 import gymnasium
-import numpy as np
 import pytest
 
 import outlast
@@ -71,43 +70,6 @@ def test_masks_are_obeyed_wherever_they_are(masks: Any) -> None:
     assert not rows["action_mask"].all()
     assert rows["action_mask"].gather(-1, drawn[..., None]).all()
     env.close()
-
-
-@GAMES
-@pytest.mark.by_day(4)
-def test_a_rollout_through_deaths(name: str, dead: str) -> None:
-    """Row by row what a plain world returns for the same actions, zeros for agents that have left."""
-    rollout = wrapped(name, dead).rollout(10 * LIMIT)
-    group, following = rollout["agent"], rollout["next", "agent"]
-    plain = world(name, dead)
-    plain.reset(seed=SEED)  # as set_seed does; the rollout begins with the next episode
-    seen, _ = plain.reset()
-    deaths = 0
-    for tick in range(len(rollout)):
-        assert shows(group["observation"][tick], seen)
-        assert group["mask"][tick].tolist() == [agent in plain.agents for agent in plain.possible_agents]
-        actions = dict(zip(plain.possible_agents, group["action"][tick].numpy(), strict=True))
-        before = list(plain.agents)
-        seen, rewards, terminated, truncated, infos = plain.step(actions)
-        deaths += len(before) - len(plain.agents) if plain.agents else 0
-        assert shows(following["observation"][tick], seen)
-        for i, agent in enumerate(plain.possible_agents):
-            assert following["reward"][tick, i].item() == rewards.get(agent, 0)
-            assert following["terminated"][tick, i].item() is terminated.get(agent, True)
-            assert following["truncated"][tick, i].item() is truncated.get(agent, True)
-            assert following["info", "alive"][tick, i].item() == infos.get(agent, {"alive": 0})["alive"]
-        assert rollout["next", "done"][tick].item() is (not plain.agents)
-    assert not plain.agents
-    assert (deaths > 0) == (dead == "end")
-
-
-def shows(rows: Any, seen: dict[str, Any]) -> bool:
-    """Whether the rows of a group are what agents see; of those that are not there, zeros."""
-    return all(
-        np.array_equal(values[i], seen[agent][key] if agent in seen else np.zeros_like(values[i]))
-        for key, values in rows.items()
-        for i, agent in enumerate(["agent_0", "agent_1", "agent_2", "agent_3"])
-    )
 
 
 KEPT = {"dead": "keep", **SHORT}

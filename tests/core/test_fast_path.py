@@ -92,21 +92,6 @@ def test_a_step_is_received_once() -> None:
     assert all(each == 5 or "recv()" in each for each in got)
 
 
-def test_observations_into_arrays_of_the_caller() -> None:
-    """Into a slice of a longer storage, without an array in between."""
-    env, rng = make(), np.random.default_rng(0)
-    storage = {key: np.full((STEPS, *array.shape), 7, np.float32) for key, array in env.observe().items()}
-    flat = np.full((STEPS, WORLDS, env.num_agents, env.flat_size), 7, np.float32)
-    for step in range(STEPS):
-        env.observe({key: array[step] for key, array in storage.items()})
-        observed = env.observe(flat[step])
-        rows = [array.reshape(WORLDS, env.num_agents, -1) for array in observed.values()]
-        np.testing.assert_array_equal(flat[step], np.concatenate(rows, axis=-1))
-        for key, array in observed.items():
-            np.testing.assert_array_equal(storage[key][step], array)
-        env.step(draw_actions(env, rng))
-
-
 @pytest.mark.parametrize(
     ("out", "reason"),
     [
@@ -144,13 +129,3 @@ def test_what_an_environment_says_of_itself_cannot_be_changed_by_it() -> None:
     fields.pop("own")  # type: ignore[attr-defined]
     assert "health" in env.fields["own"]
     assert "health" in make().fields["own"]
-
-
-def test_observations_handed_out_cannot_be_written_to() -> None:
-    """The engine writes only what changes; a copy is the caller's own."""
-    env = make()
-    for array in env.observe().values():
-        with pytest.raises(ValueError, match="read-only"):
-            array += 1
-    for array in make(copy=True).observe().values():
-        array += 1

@@ -383,14 +383,6 @@ def test_joint_actions_out_of_range_are_named() -> None:
         env.step(np.zeros((2, 2, 6), int))
 
 
-def test_small_types_hold_small_actions() -> None:
-    """Also where there are more joint actions than they can count."""
-    env = outlast.make_vec(outlast.variant("ffa_3").with_(DropLast()), 2, seed=0, actions="joint")
-    assert env.action_mask_size > 256
-    env.reset()
-    env.step(np.full((2, 2), 200, np.uint8))
-
-
 def test_tensors_that_numpy_cannot_read_are_refused() -> None:
     torch = pytest.importorskip("torch", reason="needs PyTorch")
     env = outlast.make_vec("ffa_1", 2, seed=0)

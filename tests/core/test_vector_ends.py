@@ -31,6 +31,7 @@ def test_statistics_are_those_of_the_episodes_that_ended(mode: str) -> None:
         done = terminated | truncated
         assert np.array_equal(info["alive"], env.worlds[Entity].alive[:, env.worlds.span("agent")] == 1)
         assert ("statistics" in info) == done.any()
+        assert "statistics_present" not in info  # all agents are in all episodes
         if "statistics" in info:
             found = info["statistics"]
             assert info["_statistics"].tolist() == done.tolist()

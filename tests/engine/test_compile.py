@@ -407,17 +407,6 @@ def test_generators_with_a_state_are_refused(expression: str, compiled: bool) ->
 
 
 @compiled_only
-def test_the_cache_folder_is_a_setting(cold: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("OUTLAST_CACHE_DIR", str(cold / "deep" / "folder"))
-    worlds = Worlds(toy_game.GAME, 1)
-    assert not worlds.compiled
-    run(worlds, STEP)
-    assert worlds.compiled
-    more = 6 + 2  # the clock, what sets Pay (twice) and Line to 0, the step, what runs units; checks of `grow`
-    assert len(list((cold / "deep" / "folder").glob("*.unit"))) == len(worlds.schedule.systems) + more
-
-
-@compiled_only
 @pytest.mark.skipif(sys.platform != "linux", reason="others compile in one process")
 def test_an_error_in_a_fork_is_raised_here(cold: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """How forks end after an error: tests/engine/test_forks.py."""

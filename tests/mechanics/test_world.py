@@ -10,7 +10,7 @@ from outlast.components import Bag, Body, Item
 from outlast.ecs import Entity
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.systems import DropLast
-from tests.conftest import COMPILED, scaled
+from tests.conftest import scaled
 from tests.helpers import naive_mechanics
 from tests.helpers.naive_world import TOLERANCE, read
 from tests.helpers.random_worlds import RUNS
@@ -68,16 +68,6 @@ def test_the_optional_drop_lays_the_last_item_ahead() -> None:
                 item, (x, y) = after.entities[agent.bag[-1]], naive_mechanics.ahead(agent, 1.5)
                 assert (item.here, item.holder) == (True, -1)
                 assert (item.x, item.y) == pytest.approx((agent.x + x, agent.y + y), abs=TOLERANCE)
-
-
-@pytest.mark.skipif(not COMPILED, reason="a property of compiled kernels")
-def test_other_numbers_compile_nothing_anew() -> None:
-    paper = outlast.variant("teams_4")
-    few, many = (
-        outlast.make_vec(scenario, 1, seed=0) for scenario in (paper, paper.replace(**RUNS | {"heals_count": 3}))
-    )
-    assert few.worlds.source() == many.worlds.source()
-    assert many.worlds.units.compiled == []
 
 
 def test_a_limit_of_one_hit_point_is_a_limit() -> None:

@@ -10,7 +10,7 @@ import pytest
 import outlast
 from outlast.components import Score
 from outlast.distributions import integers
-from outlast.envs.core.agents import counted, fewest_sides, present, side
+from outlast.envs.core.agents import fewest_sides, present, side
 from outlast.envs.datasets.export import export_dataset
 from outlast.envs.datasets.samples import Selection
 from outlast.envs.recording import Recording, Replay
@@ -55,15 +55,6 @@ def test_infos_say_which_entries_an_episode_had(scenario: Any, mode: str) -> Non
         sides = episode["count"] if scenario is ALONE else 2
         assert episode["there"]["kills"].tolist() == [side < sides for side in range(len(episode["kills"]))]
         assert not episode["return"][~agents].any()
-
-
-def test_where_all_are_there_infos_are_as_they_were() -> None:
-    env = outlast.make_vec(short("ffa_3"), 2, seed=0)
-    env.reset()
-    assert counted(env.worlds) == {}
-    seen = [env.step(np.tile(env.noop, (2, 2, 1)))[-1] for _ in range(61)]
-    assert any("statistics" in info for info in seen)
-    assert not any("statistics_present" in info for info in seen)
 
 
 @GAMES
@@ -138,18 +129,18 @@ def test_who_was_never_there_has_no_mean() -> None:
     assert line.split()[2:] == ["-", "-", "0"]
 
 
-def test_nobody_wins_alone() -> None:
-    """Episodes with one side are no games: they are neither won nor lost."""
-    summary = outlast.rollout(ALONE, "noop", others="noop", worlds=WORLDS, seed=3)
-    games = sum(episode["count"] > 1 for episode in first_of_each())
-    assert summary.outcomes["noop"].sum() == games < WORLDS
-
-
 def first_of_each() -> list[Episode]:
     """How many agents the first episode of every world has."""
     env = outlast.make_vec(ALONE, WORLDS, seed=3)
     _, info = env.reset()
     return [{"count": int(there.sum())} for there in info["present"]]
+
+
+def test_nobody_wins_alone() -> None:
+    """Episodes with one side are no games: they are neither won nor lost."""
+    summary = outlast.rollout(ALONE, "noop", others="noop", worlds=WORLDS, seed=3)
+    games = sum(episode["count"] > 1 for episode in first_of_each())
+    assert summary.outcomes["noop"].sum() == games < WORLDS
 
 
 @GAMES

@@ -20,7 +20,7 @@ from outlast.envs.rollout.memory import told
 from outlast.envs.rollout.outcome import Standings, own_wins, shares_beaten, wins
 from outlast.envs.rollout.policies import POLICIES
 from outlast.envs.web.play.game import Game
-from tests.conftest import digest, run
+from tests.conftest import run
 from tests.helpers.execution_modes import short
 from tests.helpers.goal import TICK, won_by_points
 from tests.helpers.remembering import Remembering
@@ -286,18 +286,6 @@ def test_wins_are_as_counted_in_a_plain_loop(variant: str, numbers: dict[str, in
     assert against.counts.tolist() == list(expected.values())
     assert against.counts.sum() == worlds * each
     assert (against.counts[:, [0, 2]].sum(0) > 0).all()
-
-
-def test_a_policy_with_a_memory_plays_against_others() -> None:
-    env, one, other = outlast.make_vec(short("ffa_3"), 3, seed=3), Remembering(), Remembering()
-    against = Against(env, one, mixed({other: 1}, env))
-    alone = outlast.make_vec(short("ffa_3"), 3, seed=3)
-    rollout(env, against, STEPS)
-    rollout(alone, Remembering(), STEPS)
-    assert digest(env.worlds) == digest(alone.worlds)  # as they do the same
-    assert one.told[0].all()
-    assert len(one.told) > 1
-    assert len(one.told) == len(other.told)
 
 
 def test_one_side_has_nobody_to_play_against() -> None:

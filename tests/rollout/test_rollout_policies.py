@@ -10,12 +10,11 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.vector import AutoresetMode
 
 import outlast
 from outlast import Scenario
 from outlast.components import Body
-from outlast.ecs import Clock, columns_of
+from outlast.ecs import columns_of
 from outlast.envs.cli import main as cli
 from outlast.envs.errors import ActionError, ScenarioError, UsageError
 from outlast.envs.rollout.lineup import checked_entries, own_policy, parse_lineup
@@ -462,29 +461,6 @@ def test_the_time_limit_has_another_name() -> None:
 
 
 BATCH, STEPS = 13, 160
-
-
-@pytest.mark.parametrize("mode", list(AutoresetMode))
-def test_a_policy_with_a_memory_is_told_where_episodes_begin(mode: AutoresetMode) -> None:
-    """Called once a tick, it has been called since as often as the clock says; also after resets of some worlds."""
-    env, policy = outlast.make_vec(short("ffa_3"), BATCH, seed=3, autoreset_mode=mode), Remembering()
-    act, clock = told(policy, env), env.worlds[Clock]
-    observations, _ = env.reset()
-    for tick in range(STEPS):
-        actions = act(observations)
-        assert policy.calls is not None
-        assert policy.calls.tolist() == clock.tick[:, 0].tolist()
-        observations, _, terminated, truncated, _ = env.step(actions)
-        some = np.arange(BATCH) == tick % (3 * BATCH)
-        if mode is AutoresetMode.DISABLED:
-            some |= terminated | truncated
-        if some.any():
-            observations, _ = env.reset(options={"reset_mask": some})
-    for _ in ticks(env, other := Remembering(), 3):
-        pass
-    assert other.told[0].all()
-    assert clock.episode.min() >= 1
-    assert [where.all() for where in policy.told[:2]] == [True, False]
 
 
 def test_a_policy_with_a_memory_is_told_of_states() -> None:

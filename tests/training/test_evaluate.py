@@ -514,14 +514,6 @@ def test_films_that_cannot_be_made_lose_no_tables(capsys, monkeypatch, tmp_path:
     assert json.loads((tmp_path / "evaluation.json").read_text())["complete"]
 
 
-def test_a_place_that_tables_cannot_have_is_reported(monkeypatch, capsys, tmp_path: Path) -> None:
-    (tmp_path / "figures.csv").mkdir()
-    small = ("--episodes", 2, "--worlds", 2, *EARLY, "--quiet", "--out", tmp_path)
-    with pytest.raises(TrainingError, match=f"{tmp_path}/figures.csv cannot be written: it is a folder"):
-        evaluate("ffa_1", "noop", "scripted", *small)
-    assert capsys.readouterr().out == ""  # ahead of the first game
-
-
 def test_ctrl_c_prints_the_pairings_that_are_complete(capsys, caplog, monkeypatch, tmp_path: Path) -> None:
     monkeypatch.setitem(POLICIES, "random", interrupted_after(20))
     small = ("--episodes", 2, "--worlds", 2, *EARLY, "--quiet", "--out", tmp_path / "out")
@@ -587,26 +579,6 @@ def test_saved_policies_play_against_others(capsys, tmp_path: Path) -> None:
     assert scenario.numbers()["cameras_mode"] == "revealed"
     assert name == "noop"
     assert one.generator.initial_seed() == 3 != other.generator.initial_seed()
-
-
-def test_saved_policies_that_cannot_play_are_refused_in_one_line(capsys, tmp_path: Path) -> None:
-    saved(tmp_path / "a.zip")
-    policy, record = ("--policy", str(tmp_path / "a.zip")), ("--record", str(tmp_path / "a.rec"))
-    for arguments, words in (
-        (("rollout", "ffa_1", *policy, *record, "--quiet"), "trained on teams_3 and does not fit here"),
-        (("rollout", "teams_3", *policy, "--ray"), "leave out --ray"),
-        (("frames", "teams_3", "--policy", "nowhere.zip", "--out", str(tmp_path / "b")), "nowhere.zip does not exist"),
-        (("play", "ffa_1", "--others", str(tmp_path / "a.zip"), "--no-browser"), "trained on teams_3 and does not"),
-    ):
-        assert cli.main(arguments) == 2
-        err = capsys.readouterr().err.strip()
-        assert words in err
-        assert len(err.splitlines()) == 1
-    assert [path.name for path in tmp_path.iterdir()] == ["a.zip"]
-    with pytest.raises(SystemExit):
-        cli.main(("rollout", "ffa_1", "--policy", "best"))
-    needed = "or a saved policy (a model's name, FILE.zip, FILE.safetensors or the folder of a run) is needed"
-    assert f"best: {', '.join(POLICIES)} {needed}" in capsys.readouterr().err
 
 
 def run_folder(place: Path, *steps: int) -> Path:

@@ -11,7 +11,6 @@ import random
 import re
 import shutil
 import signal
-import socket
 import subprocess
 import sys
 import threading
@@ -32,7 +31,6 @@ from outlast.components import Body
 from outlast.envs import progress
 from outlast.envs.api.film import HOLD
 from outlast.envs.cli.options import messages_shown
-from outlast.envs.errors import PlayError
 from outlast.envs.progress import Progress
 from outlast.envs.rendering import video
 from outlast.envs.rollout.saved import CHECKPOINT
@@ -412,13 +410,6 @@ def test_a_log_is_read_again_when_it_has_changed(folder: Path, monkeypatch) -> N
     assert status["figures"][0]["text"] == "200"
 
 
-def test_a_status_is_json_whatever_was_logged(folder: Path) -> None:
-    log(folder, ("rollout/steps", 10, float("nan")), ("wins/past", 10, float("inf")), ("rollout/heals_used", 10, 1.0))
-    status = RunWatcher(folder).status()
-    assert [figure["name"] for figure in status["figures"]] == ["heals used"]
-    json.dumps(status, allow_nan=False)
-
-
 outlast_watch = partial(call, command, "--no-browser")
 
 
@@ -438,14 +429,6 @@ def test_folders_that_are_no_run_are_refused(tmp_path: Path) -> None:
         (tmp_path / name / "run.json").touch()
     with pytest.raises(TrainingError, match=rf"holds several runs; choose one: {tmp_path}/a, {tmp_path}/b$"):
         outlast_watch(tmp_path)
-
-
-def test_a_taken_port_is_reported(folder: Path) -> None:
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
-        with pytest.raises(PlayError, match=rf"port {port} of 127.0.0.1 is not to be had: .*; leave --port out"):
-            outlast_watch(folder, "--port", port)
-    assert not any(thread.name.endswith("(record)") for thread in threading.enumerate())
 
 
 @pytest.mark.nightly

@@ -274,15 +274,16 @@ def until_answered(address):
     return False
 
 
-def test_only_loopback_is_bound(address):
-    port = urlsplit(address).port
+@both
+def test_only_loopback_is_bound(game, kind):
     others = {"::1"}
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as line, contextlib.suppress(OSError):
         line.connect(("192.0.2.1", 9))  # sends nothing, but gives the address of this machine that it would send from
         others.add(line.getsockname()[0])
-    for other in others - {"127.0.0.1"}:
-        with pytest.raises(ConnectionRefusedError):
-            socket.create_connection((other, port), timeout=2)
+    with server(kind, game) as address:
+        for other in others - {"127.0.0.1"}:
+            with pytest.raises(ConnectionRefusedError):
+                socket.create_connection((other, urlsplit(address).port), timeout=2)
 
 
 def test_tokens_differ(game):

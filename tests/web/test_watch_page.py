@@ -4,7 +4,6 @@ import base64
 import http.client
 import json
 import socket
-import threading
 import time
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -140,17 +139,6 @@ def test_an_error_is_logged_once_although_pages_repeat_their_requests(
             answer(place, urlsplit(place).path + "status.json")
     assert [record.message for record in caplog.records] == ["a request failed"]
     assert "ZeroDivisionError" in caplog.text
-
-
-def test_only_loopback_is_bound_and_the_end_closes_it(run: Run) -> None:
-    before = threading.active_count()
-    with serving(run, TITLE) as address:
-        port = urlsplit(address).port
-        with pytest.raises(ConnectionRefusedError):
-            socket.create_connection(("::1", port), timeout=2)
-    with pytest.raises(ConnectionRefusedError):
-        socket.create_connection(("127.0.0.1", port), timeout=2)
-    assert threading.active_count() == before
 
 
 # ---- the page
