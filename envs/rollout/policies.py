@@ -138,7 +138,7 @@ def noop_policy(env: SurvivalVectorEnv, seed: int = 0) -> Policy:
 
 
 class PolicyMaker(Protocol):
-    """What makes a policy of a style: see `_of_style`."""
+    """A function that makes policies of a style: see `_of_style`."""
 
     def __call__(self, env: SurvivalVectorEnv, seed: int = 0) -> Policy:
         """Make a policy for an environment. seed: Without effect."""
