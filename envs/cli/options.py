@@ -20,7 +20,7 @@ from ..rollout.lineup import checked_entries, parse_lineup
 from ..scenarios.derivation import by_full_name
 from ..scenarios.floor_plan import LAYOUT, named_layout
 from ..scenarios.imports import module_of
-from ..scenarios.parse import distribution, mechanic, resolve, with_roles
+from ..scenarios.parse import distribution, mechanic, resolve, typed, with_roles
 from ..scenarios.scenario import Scenario
 from ..storage.limited_read import read_text
 from ..storage.outputs import check_file
@@ -140,7 +140,7 @@ def scenario(options: argparse.Namespace, name: str = "") -> Scenario:
     if twice := sorted(fixed.keys() & given.keys()):
         raise ScenarioError(f"--set {twice[0]}: --with has it, too; use one of them")
     now = asked.numbers()
-    asked = asked.replace(**{name: _value(text, now[name]) for name, text in given.items()})
+    asked = asked.replace(**{name: typed(text, now[name]) for name, text in given.items()})
     asked = _varied(asked, fixed | dict.fromkeys(given, "--set"), options)
     if options.save_scenario is not None:
         _check_save(asked, options)
@@ -339,18 +339,3 @@ def _parts(option: str, text: str, example: str = "n_agents=10") -> tuple[str, s
         kind = "VALUE" if option == "--set" else "DRAWN"
         raise ScenarioError(f"{option} {text}: NUMBER={kind} is needed, as in {option} {example}")
     return name, value
-
-
-def _value(text: str, now: Any) -> Any:
-    """Convert a text to the type of another value; return the text, which is refused later, if it has no such value."""
-    if isinstance(now, tuple):  # 8,4 or (8, 4)
-        return tuple(_value(part, 1.0) for part in text.strip("()[]").rstrip(",").split(","))
-    if isinstance(now, bool):
-        return {"true": True, "false": False}.get(text.lower(), text)
-    if isinstance(now, str):
-        return text.strip("'\"")
-    try:
-        value = float(text)
-    except ValueError:
-        return text
-    return int(value) if isinstance(now, int) and value.is_integer() else value  # 1e3 is an integer, too

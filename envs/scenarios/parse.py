@@ -219,3 +219,18 @@ def _literals(text: str, call: str, known: Collection[str]) -> dict[str, Any]:
     if unknown := found.keys() - set(known):
         raise ScenarioError(f"{text}: there is no number {min(unknown)}; it has: {', '.join(known) or 'none'}")
     return found
+
+
+def typed(text: str, now: Any) -> Any:
+    """Convert a text to the type of another value; return the text, which is refused later, if it has no such value."""
+    if isinstance(now, tuple):  # 8,4 or (8, 4)
+        return tuple(typed(part, 1.0) for part in text.strip("()[]").rstrip(",").split(","))
+    if isinstance(now, bool):
+        return {"true": True, "false": False}.get(text.lower(), text)
+    if isinstance(now, str):
+        return text.strip("'\"")
+    try:
+        value = float(text)
+    except ValueError:
+        return text
+    return int(value) if isinstance(now, int) and value.is_integer() else value  # 1e3 is an integer, too

@@ -9,11 +9,11 @@ from outlast.ecs import NumberError, number
 from outlast.ecs.declarations.numbers import checked
 from outlast.ecs.kernels.errors import meant
 from outlast.ecs.kernels.integers import as_whole
+from outlast.envs.scenarios.parse import typed
 
 from .errors import TrainingError
 
 TOGETHER = ("gamma", "gae_lambda", "scale_rewards")  # these act on rollouts, so all policies of a run share them
-TRUTHS = {"true": True, "1": True, "false": False, "0": False}
 
 
 @dataclass(frozen=True)
@@ -92,16 +92,7 @@ def parse_hyperparameters(texts: Iterable[str]) -> dict[str, Any]:
         name, _, value = text.partition("=")
         if name in settings:
             raise TrainingError(f"{text}: {name} is given twice; remove one of them")
-        settings[name] = _value(value, KINDS.get(name.rpartition(":")[2]))
+        its = name.rpartition(":")[2]
+        settings[name] = typed(value, getattr(Hyperparameters, its)) if its in KINDS else value
     Hyperparameters().by_policy(settings)
     return settings
-
-
-def _value(text: str, kind: type | None) -> Any:
-    """Return the value that a text stands for; the text itself, which is refused later, if it is not of that kind."""
-    try:
-        if kind is bool:
-            return TRUTHS[text.lower()]
-        return as_whole(float(text)) if kind is int else float(text)  # 1e4 is an integer, too
-    except (KeyError, ValueError):
-        return text
