@@ -218,7 +218,7 @@ def folder(place: Path, changes: dict[str, Any] | None = None, **plan: Any) -> P
 def test_runs_are_what_they_say_and_seeds_are_sorted(tmp_path: Path) -> None:
     settings = {"gamma": 0.9, "vf_coef": 0.5}
     (run,) = load_runs([folder(tmp_path / "x", {"safe_zone_damage": 2}, preset="paper", seed=4, settings=settings)])
-    assert (run.variant, run.seed, run.steps, run.name) == ("ffa_2", 4, 20, "ffa_2-paper-4")
+    assert (run.scenario, run.seed, run.steps, run.name) == ("ffa_2", 4, 20, "ffa_2-paper-4")
     assert run.unlike == {"worlds": 64, "gamma": 0.9, "safe_zone_damage": 2}
     (plain,) = load_runs([folder(tmp_path / "y", worlds=1)])
     assert plain.unlike == {}

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from outlast.ecs.kernels.available import available_cores
-from outlast.envs.cli.options import STOPPED, nonnegative, output, positive
+from outlast.envs.cli.options import STOPPED, add_quiet, nonnegative, output, positive
+from outlast.envs.core.options import MACHINE, OUTPUT
 from outlast.envs.errors import FilmError, install
 from outlast.envs.progress import Progress, above_bars
 
@@ -40,27 +41,22 @@ def add(commands: Any) -> None:
     command = commands.add_parser(
         "reproduce", help=text, description=description, examples=examples, epilog=f"parts:\n{parts}"
     )
+    done = command.group("what is done")
     text = f"parts to train: {', '.join(PARTS)}, see below (default: all)"
-    command.add_argument("parts", nargs="*", metavar="PART", help=text)
+    done.add_argument("parts", nargs="*", metavar="PART", help=text)
     text = "only these games of the parts, such as ffa_2 (default: all)"
-    command.add_argument("--only", nargs="+", default=[], metavar="GAME", help=text)
+    done.add_argument("--only", nargs="+", default=[], metavar="GAME", help=text)
     text = "runs of each experiment, with one seed after the other (default: 3, of corrected games 2)"
-    command.add_argument("--seeds", type=positive, metavar="N", help=text)
+    done.add_argument("--seeds", type=positive, metavar="N", help=text)
     text = "seed of the first run of each experiment (default 0)"
-    command.add_argument("--first", type=nonnegative, default=0, metavar="SEED", help=text)
+    done.add_argument("--first", type=nonnegative, default=0, metavar="SEED", help=text)
     text = "folder for runs, figures, tables and films (default paper)"
-    command.add_argument("--out", type=output(check_out), default="paper", help=text)
-    command.add_argument("--jobs", type=positive, help="runs that train at the same time (default: cores)")
+    command.group(OUTPUT).add_argument("--out", type=output(check_out), default="paper", help=text)
     text = "only print the runs to train, with their approximate time"
-    command.add_argument("--plan", action="store_true", help=text)
-    command.add_argument("--quiet", action="store_true", help="show no progress bar")
-    command.arrange(
-        {
-            "what is done": ("parts", "--only", "--seeds", "--first", "--plan"),
-            "output": ("--out", "--quiet"),
-            "machine": ("--jobs",),
-        }
-    )
+    done.add_argument("--plan", action="store_true", help=text)
+    add_quiet(command)
+    text = "runs that train at the same time (default: cores)"
+    command.group(MACHINE).add_argument("--jobs", type=positive, help=text)
     command.set_defaults(run=run)
 
 

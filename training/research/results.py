@@ -53,11 +53,6 @@ class PaperRun(Run):
     changed: dict[str, Any] = field(default_factory=dict)
 
     @property
-    def variant(self) -> str:
-        """The name of the variant, with ablations."""
-        return self.scenario
-
-    @property
     def done(self) -> bool:
         """Return whether it is as long as the paper's."""
         return self.steps >= PAPER_STEPS
@@ -71,12 +66,12 @@ class PaperRun(Run):
     @property
     def about(self) -> dict[str, Any]:
         """Return the description that is kept with its curves."""
-        return {"variant": self.variant, "plan": self.plan, "changed": self.changed}
+        return {"variant": self.scenario, "plan": self.plan, "changed": self.changed}
 
     @property
     def name(self) -> str:
         """The name of the kept run."""
-        return f"{self.variant}-{self.plan['preset']}-{self.seed}"
+        return f"{self.scenario}-{self.plan['preset']}-{self.seed}"
 
 
 @dataclass(frozen=True)
@@ -87,8 +82,8 @@ class PaperGroup:
 
     @property
     def variant(self) -> str:
-        """The name of the variant."""
-        return self.runs[0].variant
+        """The name of the variant, with ablations."""
+        return self.runs[0].scenario
 
     @property
     def preset(self) -> str:
@@ -161,7 +156,7 @@ def group_runs(results: Iterable[PaperRun]) -> list[PaperGroup]:
     """
     groups: dict[str, list[PaperRun]] = {}
     for result in results:
-        together = groups.setdefault(f"{result.variant}-{result.plan['preset']}", [])
+        together = groups.setdefault(f"{result.scenario}-{result.plan['preset']}", [])
         for other in together:
             if difference := _difference(other, result):
                 raise TrainingError(f"{difference}; `outlast plot` compares them")
