@@ -75,7 +75,7 @@ def _settings(given: Any) -> dict[str, Any]:
 
 
 def _annealed(given: Any) -> tuple[Anneal, ...]:
-    texts = [given] if isinstance(given, str) else given
+    texts: Any = [given] if isinstance(given, str) else given
     if not isinstance(texts, Sequence) or not all(isinstance(each, str | Anneal) for each in texts):
         raise TrainingError(
             f"anneal = {given!r:.200}: must be a text or a list of texts, as in 'rewards_kill=10:0@5e6'; () for none"
