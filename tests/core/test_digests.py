@@ -1,6 +1,5 @@
 """What is written down of behaviour, by platform and version, and what guards it."""
 
-import copy
 import json
 import shutil
 import subprocess
@@ -10,7 +9,6 @@ from typing import Any
 import pytest
 
 from outlast import VARIANTS
-from outlast.envs.adapters import registry
 from tests import digests
 from tests.conftest import COMPILED, slow_compiled
 from tests.digests import FILE, MARKS, WORLDS, behaviour_digests, environment, golden, platform_name
@@ -88,32 +86,16 @@ def test_what_was_written_once_is_written_still() -> None:
                 assert found.items() <= now.items(), f"{key} on {platform} is not what {revision[:8]} says"
 
 
-FOUND = {name: {"0": f"{name} at first", "1": "and then"} for name in ("ffa_1", "teams_4")}
-
-
 def test_writing_adds_and_keeps(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    before = golden()
+    before, found = golden(), {name: {"0": f"{name} at first"} for name in ("ffa_1", "teams_4")}
     monkeypatch.setattr(digests, "platform_name", lambda: "abacus")
-    assert digests.write(FOUND) == []
-    assert golden() == before | {"abacus": {environment(name): found for name, found in FOUND.items()}}
-    assert digests.write(copy.deepcopy(FOUND)) == []
-    assert digests.write({"ffa_1": {"2000": "later"}}) == []
-    assert golden()["abacus"][environment("ffa_1")] == FOUND["ffa_1"] | {"2000": "later"}
-
-
-def test_another_behaviour_is_refused_until_the_version_is_raised(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(digests, "platform_name", lambda: "abacus")
-    digests.write(FOUND)
-    before = file.read_bytes()
-    other: dict[str, Any] = FOUND | {"teams_4": {"0": "teams_4 at first", "1": "otherwise"}}
-    (reason,) = digests.write(other)
-    assert f"{environment('teams_4')} differs between tick 0 and tick 1; behaviour changed: raise the version" in reason
-    assert file.read_bytes() == before
-    raised = {key.replace("Teams4-v1", "Teams4-v2"): name for key, name in registry.IDS.items()}
-    monkeypatch.setattr(digests, "IDS", raised)
-    assert digests.write(other) == []
-    assert golden()["abacus"]["teams_4-v1"] == FOUND["teams_4"]
-    assert golden()["abacus"]["teams_4-v2"] == other["teams_4"]
+    for each in (found, {"ffa_1": {"0": "otherwise", "2000": "later"}}):
+        digests.write(each)
+    assert golden()["abacus"][environment("ffa_1")] == found["ffa_1"] | {"2000": "later"}
+    assert golden() == before | {"abacus": golden()["abacus"]}
+    assert digests.changed("ffa_1", found["ffa_1"]) == ""
+    reason = digests.changed("teams_4", {"0": "otherwise"})
+    assert reason.startswith(f"{environment('teams_4')} differs between the start and tick 0; behaviour changed: raise")
 
 
 @slow_compiled

@@ -28,7 +28,6 @@ SETUPTOOLS = PROJECT["tool"]["setuptools"]
 FOLDERS = {name: ROOT / folder for name, folder in SETUPTOOLS["package-dir"].items()}
 
 LARGEST = {"results": 12e6, "tree": 20e6, "wheel": 1.3e6, "archive": 5e6}  # bytes
-COMPILERS = {"njit", "jit", "vectorize", "guvectorize", "cfunc", "stencil", "jitclass", "generated_jit"}
 TOP_LEVEL = {"ecs", "systems", "components", "envs", "training"}
 # Libraries that a module may import though they are not installed.
 OPTIONAL = "PIL benchmarl imageio_ffmpeg matplotlib minari pettingzoo pooch pufferlib pyarrow ray stable_baselines3 "
@@ -89,19 +88,6 @@ def imported(tree: ast.Module) -> Iterator[tuple[str, str, str]]:
             yield from ((item.name, "", item.asname or item.name.split(".")[0]) for item in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
             yield from ((node.module, item.name, item.asname or item.name) for item in node.names)
-
-
-def compilers(tree: ast.Module) -> set[str]:
-    """Numba's compiling decorators that a file uses."""
-    ours = [entry for entry in imported(tree) if entry[0].split(".")[0] == "numba"]
-    taken = {name for _, name, _ in ours}
-    local = {here for _, _, here in ours}
-    reached = {
-        node.attr
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in local
-    }
-    return (taken | reached) & COMPILERS
 
 
 @pytest.fixture(scope="module")
@@ -280,29 +266,6 @@ def test_inner_parts_of_numba_are_used_by_these_files_only() -> None:
     writers = "arguments array_types by_role event jit machine_code simd vectors"
     assert sorted(inner) == sorted([*readers.split(), *writers.split()])
     assert [path for path, modules in inner.items() if "numba.core.codegen" in modules] == ["machine_code"]
-
-
-def test_numba_compiles_in_two_files() -> None:
-    sources = ((path, tree) for path, tree in trees("numba").items() if not path.startswith("tests/"))
-    users = {path: found for path, tree in sources if (found := compilers(tree))}
-    assert set(users) <= {"ecs/kernels/jit.py", "ecs/kernels/machine_code.py"}, users
-
-
-@pytest.mark.parametrize(
-    "source",
-    [
-        "from numba import njit",
-        "import numba\n@numba.njit\ndef f(): ...",
-        "import numba as nb\nf = nb.vectorize(g)",
-        "from numba import types\nfrom numba.experimental import jitclass as record",
-    ],
-)
-def test_a_compiling_decorator_is_found(source: str) -> None:
-    assert compilers(ast.parse(source))
-
-
-def test_other_uses_of_numba_are_not_taken_for_one() -> None:
-    assert not compilers(ast.parse("from numba import types\nfrom .jit import kernel\nfrom . import jit\njit.kernel"))
 
 
 def test_no_file_names_a_place_of_its_making() -> None:

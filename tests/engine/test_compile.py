@@ -274,12 +274,6 @@ def adder(amount: Callable[[], int]) -> Module:
     return system_of(act)
 
 
-def test_two_systems_of_one_name_never_share_machine_code() -> None:
-    """As when a cell of a notebook is run again with another constant or helper."""
-    gains = [int(run(make(Walkers(), adder(helper)), STEP)[Energy].left[0, 0]) - 20 for helper in (one, two)]
-    assert gains == [1, 2]
-
-
 CELL = """
 @Local.system(Phase.FEED)
 def act(energy: Add[Energy], rows: Rows[Energy]) -> None:

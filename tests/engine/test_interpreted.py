@@ -47,16 +47,6 @@ def play(scenario: Scenario, interpret: Collection[str] = ()) -> list[str]:
 
 
 @compiled_only
-@pytest.mark.slow
-def test_every_system_gives_the_same_bytes_as_python() -> None:
-    """On tables of teams_3, which has every mechanic of the paper."""
-    portable = short("teams_3").replace(physics_backend="portable")
-    labels = [system.label for system in Worlds(portable.modules, 1).schedule.systems]
-    compiled = play(short("teams_3"))
-    assert play(portable, labels) == compiled
-
-
-@compiled_only
 @pytest.mark.parametrize("threads", [1, 3])
 def test_single_systems_run_as_python(capsys: pytest.CaptureFixture[str], threads: int) -> None:
     """With Python's own print and errors, among others that stay machine code."""

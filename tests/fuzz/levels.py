@@ -1,8 +1,7 @@
 """Hostile files of levels, of scenarios whose worlds and agents differ, of roles, and of floor plans."""
 
-import copy
+import contextlib
 import json
-from collections.abc import Iterator
 from pathlib import Path
 from random import Random
 from typing import Any, ClassVar
@@ -19,7 +18,7 @@ from outlast.envs.scenarios.parse import with_roles
 from outlast.envs.scenarios.scenario_json import plain_roles
 from outlast.errors import ScenarioError
 from outlast.levels import FloorPlan
-from tests.fuzz.mutations import mutated, mutated_json, to_json
+from tests.fuzz.mutations import STRANGE, mutated, mutated_json, to_json
 from tests.fuzz.worlds import folder_of
 
 PLANS = [FloorPlan(walls=[(3.0 * k, 1, 0.5, 6, 0.1 * k)], starts=[("items", -8, 0, 4, 20)]) for k in range(3)]
@@ -55,21 +54,10 @@ class _Files:
         if (kind := rng.random()) < 0.3:
             return self.valid if kind < 0.1 else mutated(self.valid, rng)
         content = json.loads(self.valid)
-        if rng.random() < 0.3:
-            return to_json(mutated_json(content, rng))
-        for _ in range(rng.choice((1, 1, 2, 4))):
-            owner, key = rng.choice([*_values(content)])
-            owner[key] = copy.deepcopy(rng.choice(VALUES))
+        with contextlib.suppress(RecursionError):  # of what is nested too deep to be changed further
+            for _ in range(rng.choice((1, 1, 2, 4))):
+                content = mutated_json(content, rng, rng.choice((STRANGE, VALUES, VALUES)))
         return to_json(content)
-
-
-def _values(content: Any) -> Iterator[tuple[Any, Any]]:
-    """(container, key) of all values in lists and objects."""
-    items: Any = content.items() if isinstance(content, dict) else enumerate(content)
-    for key, value in [*items]:
-        yield content, key
-        if isinstance(value, (dict, list)):
-            yield from _values(value)
 
 
 class Levels(_Files):

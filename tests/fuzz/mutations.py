@@ -98,25 +98,25 @@ def _overwrite(content: bytes, at: int, piece: bytes) -> bytes:
 # ---- JSON
 
 
-def mutated_json(value: Any, rng: Random) -> Any:
+def mutated_json(value: Any, rng: Random, strange: tuple[Any, ...] = STRANGE) -> Any:
     """A copy with one value (possibly the root) replaced, deleted, repeated, nested, or with a key added."""
     value = json.loads(json.dumps(value))
     container, key = rng.choice([*_slots(value), *_slots(value), (None, None)])
     if container is None:
-        return rng.choice(STRANGE)
+        return rng.choice(strange)
     match rng.randrange(8):
         case 0 if isinstance(container, dict):
             del container[key]
         case 1 if isinstance(container, list):
             container *= rng.choice((0, 2, 50))
         case 2 if isinstance(container, dict):
-            container[str(rng.choice(STRANGE))[:99]] = rng.choice(STRANGE)
+            container[str(rng.choice(strange))[:99]] = rng.choice(strange)
         case 3:
             container[key] = _nested(rng.choice((10, 900, 5000)))
         case 4 if isinstance(container[key], int):
             container[key] = container[key] + rng.choice((-1, 1, 7, 2**20))
         case _:
-            container[key] = rng.choice(STRANGE)
+            container[key] = rng.choice(strange)
     return value
 
 

@@ -12,7 +12,7 @@ from outlast import systems, variant
 from outlast.components import Body, Shape, Side, Sight, Wall
 from outlast.ecs import Entity, Worlds
 from outlast.ecs.kernels.simd import SIMD_WIDTH
-from tests.conftest import COMPILED, scaled
+from tests.conftest import COMPILED
 from tests.helpers.naive_walls import Block
 
 ROUNDING = 1e-5  # metres: of float32, where positions are up to 18
@@ -121,43 +121,3 @@ def test_lines_of_sight_are_box2ds_ray_casts(kind: str) -> None:
     assert 0.05 < free / rays < 0.8
     assert max(grazed, default=0) < ROUNDING
     assert len(grazed) < 10
-
-
-def test_a_corner_hides_what_is_behind_it_to_within_rounding() -> None:
-    """Two agents whose line of sight passes the corner of a turned block, at 0.1 micrometres to a centimetre."""
-    count = scaled(2000, least=20)
-    bare = variant("ffa_1").without("safe_zone").replace(n_heals=1, agents_radius=0.3, **SEEING)
-    env = outlast.make_vec(bare.with_(systems.Pillars(count=1, least=0.5, most=3.0, gap=3.0)), count, seed=3)
-    env.reset()
-    rng, body, blocks = np.random.default_rng(0), env.worlds[Body], env.worlds.span("inner_wall")
-    offsets = 10 ** rng.uniform(-7, -2, count) * rng.choice((-1, 1), count)
-    for w in range(count):
-        worlds = Box2DWorld(env.worlds, w)
-        start, end = past_a_corner(worlds.blocks[blocks.start], offsets[w], rng)
-        for agent, place in enumerate((start, end)):
-            body.x[w, agent], body.y[w, agent] = place.real, place.imag
-        body.x[w, env.worlds.span("heal")] = body.y[w, env.worlds.span("heal")] = 12.0
-        angle = np.angle(end - start)
-        body.angle[w, 0], body.cosine[w, 0], body.sine[w, 0] = angle, np.cos(angle), np.sin(angle)
-    body.vx[:], body.vy[:], body.omega[:] = 0, 0, 0
-    env.step(np.broadcast_to(env.noop, (count, 2, len(env.noop))))
-    wrong, compared = [], 0
-    for w in range(count):
-        world = Box2DWorld(env.worlds, w)
-        if seen(env.worlds, w, 0, 1) != world.sees(0, 1):
-            wrong.append(world.grazes(0, 1))
-        if world.grazes(0, 1) > ROUNDING:  # the geometry decides
-            compared += 1
-            assert seen(env.worlds, w, 0, 1) == (offsets[w] > 0), (w, offsets[w])
-    assert max(wrong, default=0) < ROUNDING
-    assert compared > count / 3
-    env.close()
-
-
-def past_a_corner(block: Block, offset: float, rng: np.random.Generator) -> tuple[complex, complex]:
-    """Two points whose segment passes the first corner of a block at `offset` metres, inside of it if below 0."""
-    turn = complex(math.cos(block.angle), math.sin(block.angle))
-    corner = complex(block.x, block.y) + turn * complex(block.half_width, block.half_height)
-    along = turn * complex(math.cos(angle := rng.uniform(2.0, 2.7)), math.sin(angle))  # it touches the corner alone
-    outwards = along * -1j
-    return tuple(corner + offset * outwards + far * along for far in (-1.5, 1.5))  # type: ignore[return-value]

@@ -1,6 +1,5 @@
 """Opponents that are drawn per world: who plays whom, whose samples are trained on, who won, ratings, going on."""
 
-import itertools
 import json
 from collections import Counter
 from pathlib import Path
@@ -47,14 +46,6 @@ def pool(weights: dict[str, float], prioritised: bool = False, **figures: tuple[
 def shares(opponents: OpponentPool) -> dict[str, float]:
     indices, weights = opponents.chances()
     return {opponents.all[k].name: weight / weights.sum() for k, weight in zip(indices, weights, strict=True)}
-
-
-def test_opponents_are_drawn_by_weight() -> None:
-    assert shares(pool({"self": 1, "scripted": 2, "random": 1})) == {"self": 0.25, "scripted": 0.5, "random": 0.25}
-    assert shares(pool({"self": 0.25, "past": 0.75})) == {"self": 1.0}  # until there is a past
-    assert shares(pool({"scripted": 3, "past": 1})) == {"self": 0.25, "scripted": 0.75}
-    for names in itertools.permutations(("scripted", "random", "noop")):  # indices are in checkpoints: by this order
-        assert [one.name for one in pool(dict.fromkeys(names, 1.0)).all.values()] == ["self", *names]
 
 
 def test_those_that_win_are_drawn_more_often_and_the_present_self_as_often() -> None:
