@@ -246,26 +246,6 @@ def test_record_episode_statistics_counts_what_info_reports(mode: str) -> None:
     assert env.episode_count == len(env.return_queue) == ends >= env.num_envs
 
 
-@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
-def test_infos_as_a_list(mode: str) -> None:
-    env, other = (make(seed=SEED, autoreset_mode=mode) for _ in range(2))
-    listed = wrappers.DictInfoToList(wrappers.RecordEpisodeStatistics(env))
-    other.reset()
-    assert listed.reset()[1] == [{"alive": True}] * env.num_envs
-    ends = 0
-    for tick in range(STEPS):
-        _, _, terminated, truncated, infos = listed.step(drawn(env, tick))
-        info = other.step(drawn(env, tick))[-1]
-        for k, (done, found) in enumerate(zip(terminated | truncated, infos, strict=True)):
-            assert found["alive"] == info["alive"][k]
-            assert ("statistics" in found) == ("episode" in found) == done
-            assert ("final_obs" in found) == ("final_info" in found) == (done and mode == "SameStep")
-            if done:
-                assert found["statistics"] == {key: values[k] for key, values in info["statistics"].items()}
-            ends += done
-    assert ends >= env.num_envs
-
-
 WRAPPER_OPTIONS: dict[str, tuple[Any, ...]] = {
     "ClipReward": (-1, 1), "DelayObservation": (2,), "DtypeObservation": (np.float16,),
     "FilterObservation": (["own"],),

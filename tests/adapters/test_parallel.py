@@ -508,20 +508,6 @@ def test_going_on_from_a_saved_state(name: str, dead: str) -> None:
     assert np.array_equal(other.state()[1 : 1 + len(own)], own)
 
 
-@pytest.mark.parametrize("name", ["ffa_1", "ffa_3", "teams_3"])
-def test_the_states_of_many_worlds_are_those_of_each(name: str) -> None:
-    env = make_vec(name, 5, seed=1, copy=False)
-    env.reset()
-    overview = GlobalState(env.worlds)
-    for _ in range(120):
-        env.step(env.action_space.sample())
-    states = overview(slice(None))
-    assert states.dtype == np.float32
-    assert states.shape == (5, *overview.space.shape)
-    assert all(np.array_equal(states[w], overview(w)) for w in range(5))
-    assert np.array_equal(states[1:3], overview(slice(1, 3)))
-
-
 @pytest.mark.parametrize("name", ["ffa_1", "ffa_3", "teams_3", "teams_3+steering"])
 def test_scaled_states_are_about_minus_1_to_1(name: str) -> None:
     """But for the numbers of agents and teams, as in observations."""

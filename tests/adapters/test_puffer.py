@@ -142,32 +142,6 @@ def test_puffers_backends(backend: str) -> None:
 
 
 @needs_puffer
-def test_it_writes_into_what_it_is_given() -> None:
-    """The middle of larger arrays; what is around stays as it is, and the arrays stay the same.
-
-    Some releases of pufferlib-core have arrays for the actions of a teacher, too.
-    """
-    own = make(seed=SEED)
-    rows, size, start = own.num_agents, own.single_observation_space.shape[0], 3
-    whole = {
-        "observations": np.full((rows + 6, size), 7, np.float32), "rewards": np.full(rows + 6, 7, np.float32),
-        "terminals": np.ones(rows + 6, bool), "truncations": np.ones(rows + 6, bool), "masks": np.ones(rows + 6, bool),
-        "actions": np.full((rows + 6, 6), 7, np.int32), "teacher_actions": np.full((rows + 6, 6), 7, np.int32),
-    }  # fmt: skip
-    before = {key: array.copy() for key, array in whole.items()}
-    env = make(seed=SEED, buf={key: array[start : start + rows] for key, array in whole.items()})
-    for each in (own, env):
-        each.reset()
-    for tick in range(STEPS):
-        assert alike([whole[key][start : start + rows] for key in ARRAYS], copies(own))
-        for each in (own, env):
-            each.step(drawn(env, tick))
-    for key, array in whole.items():
-        outside = np.r_[:start, start + rows : rows + 6]
-        assert np.array_equal(array[outside], before[key][outside])
-
-
-@needs_puffer
 def test_a_refused_call_changes_nothing() -> None:
     env = make(seed=SEED)
     env.reset()

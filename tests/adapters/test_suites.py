@@ -110,19 +110,6 @@ def test_stable_baselines(name: str, dead: str, form: dict[str, Any]) -> None:
     env_checker.check_env(one(name, dead=dead, **form).unwrapped)
 
 
-@forms_of_games
-def test_stable_baselines_train(name: str, form: dict[str, Any], one_torch_thread: None) -> None:
-    pytest.importorskip("stable_baselines3", reason="needs Stable-Baselines3: outlast[sb3]")
-    from stable_baselines3 import PPO
-
-    env = outlast.adapters.make_sb3(short(name), 2, seed=SEED, **form)
-    policy = "MlpPolicy" if form["observations"] == "flat" else "MultiInputPolicy"
-    model = PPO(policy, env, n_steps=8, batch_size=32, n_epochs=1, seed=SEED)
-    model.learn(2 * env.num_envs * 8)
-    assert model.num_timesteps == 2 * env.num_envs * 8
-    env.close()
-
-
 @pytest.mark.parametrize(("form", "dead"), forms(DEAD))
 def test_minari(dead: str, form: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A dataset that its collector makes, from an environment that the dataset recovers."""

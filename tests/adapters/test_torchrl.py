@@ -13,7 +13,7 @@ import outlast
 from outlast.components import Body
 from outlast.ecs import Clock
 from outlast.envs.errors import ActionError, FaultError, NotResetError
-from tests.conftest import digest, few_by_day
+from tests.conftest import few_by_day
 from tests.helpers.covering import covering
 from tests.helpers.execution_modes import ALL, COUNTS, LEVELS, MAZE, ROLES, short
 
@@ -22,7 +22,7 @@ with warnings.catch_warnings():
     pytest.importorskip("torchrl", reason="TorchRL is not installed: pip install 'outlast[torchrl]'")
     import torch
     from tensordict import TensorDict
-    from torchrl.envs import FrameSkipTransform, ParallelEnv, SerialEnv, TransformedEnv
+    from torchrl.envs import ParallelEnv, SerialEnv
     from torchrl.envs.utils import check_env_specs
 
 pytestmark = pytest.mark.filterwarnings("ignore")  # TorchRL's own
@@ -194,30 +194,6 @@ def test_worlds_that_a_step_leaves_out_stay() -> None:
         alone.vector_env._step(actions[:, 0].numpy(), None, np.arange(WORLDS) == 0)
     for each in (env, alone):
         each.close()
-
-
-def test_frames_are_skipped_also_where_a_world_ends_between() -> None:
-    """What is paid is the sum up to the end, and all is as if the world had been stepped alone."""
-    limits = outlast.variant("teams_2").vary(ending_limit=outlast.distributions.integers(3, 9))
-    env, alone = (outlast.adapters.make_torchrl(limits, WORLDS, seed=SEED) for _ in range(2))
-    skipping = TransformedEnv(env, FrameSkipTransform(4))
-    td, plain, going = skipping.reset(), alone.reset(), torch.ones(WORLDS, dtype=torch.bool)
-    for _ in range(3):
-        td["agents", "action"] = plain["agents", "action"] = env.full_action_spec["agents", "action"].rand()
-        paid = torch.zeros(WORLDS, 4)
-        for _ in range(4):
-            if going.any():
-                after = alone.step(plain.clone().set("_step", going))["next"]
-                paid += after["agents", "reward"][..., 0]
-                going = ~after["done"][:, 0]
-        td, plain = skipping.step(td)["next"], after
-        torch.testing.assert_close(td["agents", "reward"][..., 0], paid)
-        for key in (("agents", "observation"), "state", "done", "truncated"):
-            assert torch.equal(td[key], plain[key])
-    assert td["done"].all()
-    assert digest(env.vector_env.worlds) == digest(alone.vector_env.worlds)
-    rollout = skipping.rollout(12, break_when_any_done=False)
-    assert rollout["next", "done"].any()
 
 
 def test_steps_of_some_worlds_are_recorded(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:

@@ -59,19 +59,6 @@ def test_worlds_move_to_a_device_and_stand_side_by_side() -> None:
     several.close()
 
 
-@pytest.mark.parametrize("masks", [True, "observation"])
-def test_masks_are_obeyed_wherever_they_are(masks: Any) -> None:
-    form = {"actions": "joint", "observations": "flat", "action_masks": masks, "max_episode_steps": LIMIT}
-    env = PettingZooWrapper(outlast.adapters.parallel_env("teams_3", dead="keep", seed=SEED, **form), use_mask=True)
-    torch.manual_seed(SEED)
-    rows = env.rollout(LIMIT)["agent"]
-    drawn = rows["action"].argmax(-1) if rows["action"].ndim == 3 else rows["action"]
-    assert rows["action_mask"].shape[1:] == (4, 216)
-    assert not rows["action_mask"].all()
-    assert rows["action_mask"].gather(-1, drawn[..., None]).all()
-    env.close()
-
-
 KEPT = {"dead": "keep", **SHORT}
 VECTORS = {
     "make_agents": lambda mode: outlast.adapters.make_agents("teams_3", 2, seed=SEED, autoreset_mode=mode, **SHORT),

@@ -125,14 +125,6 @@ def test_frames_and_pages_show_the_chosen_worlds(capsys: Any, path: Path, tmp_pa
     assert (tmp_path / "page.html").read_text(encoding="utf-8").lstrip().lower().startswith("<!doctype html>")
 
 
-@pytest.mark.parametrize("option", ["--html", "--out", "--data", "--events"])
-def test_a_recording_is_not_replaced(capsys: Any, path: Path, option: str) -> None:
-    before = path.read_bytes()
-    status, _, err = run(capsys, "replay", path, option, path)
-    assert (status, err) == (2, f"outlast: FILE and {option} are both {path}: give another name for one\n")
-    assert path.read_bytes() == before
-
-
 @pytest.mark.nightly
 @pytest.mark.parametrize("option", ["--data", "--html"])
 def test_paths_need_not_be_utf_8(path: Path, tmp_path: Path, option: str) -> None:

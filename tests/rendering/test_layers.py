@@ -193,14 +193,6 @@ def test_lines_of_sight_lead_to_the_entities_seen() -> None:
     assert found == {False, True}
 
 
-def test_a_line_of_sight_ends_at_what_is_seen() -> None:
-    game = duel(ScenarioBuilder(), far=8)
-    game.step()
-    image = draw(game.env.worlds, 0, SIZE, [CamerasLayer(agents=[0], cones=False, width=0.2)])
-    assert spot(image, 4, 0) == spot(image, 7.8, 0) == colors.BLUE
-    assert spot(image, 8.3, 0) == spot(image, -0.3, 0) == colors.WALL
-
-
 def test_numbers_are_written_within_their_disc() -> None:
     game = duel(ScenarioBuilder(), far=5)
     plain = draw(game.env.worlds, 0, SIZE, [AgentsLayer()])

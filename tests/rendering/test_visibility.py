@@ -95,32 +95,6 @@ def test_a_free_cone_has_its_whole_area(kite: bool, share: float, angle: float) 
     assert area(visible_corners(1, 2, angle, 1.0, 8.0, kite, [])) == pytest.approx(64 * share, rel=1e-3)
 
 
-@pytest.mark.parametrize("angle", [0.0, 3.1, -2.0, 12.0])
-def test_a_wall_across_cuts_a_triangle_off(angle: float) -> None:
-    """In front of it, a triangle of height 3 is left; the wall may be a rectangle or a huge disc."""
-    wall = box(3.5 * math.cos(angle), 3.5 * math.sin(angle), width=1, height=20, angle=angle)
-    disc = 1003 * math.cos(angle), 1003 * math.sin(angle), 1000
-    for discs, polygons in (((), [wall]), ([disc], ())):
-        corners = visible_corners(0, 0, angle, 1.0, 8.0, False, discs, polygons)
-        assert area(corners) == pytest.approx(9 * math.tan(0.5), rel=0.01)
-
-
-@pytest.mark.parametrize("angle", [0.0, 3.1, -2.0, 12.0])
-def test_a_wedge_hides_what_is_behind_its_sides(angle: float) -> None:
-    """With its base across at a distance of 3, and then with its tip there: half of its base at 4 hides as much."""
-    turn = complex(math.cos(angle), math.sin(angle))
-
-    def seen(*corners: complex) -> float:
-        placed = [((turn * point).real, (turn * point).imag) for point in corners]
-        return area(visible_corners(0, 0, angle, 1.0, 8.0, False, [], [placed]))
-
-    assert seen(3 - 20j, 23 + 0j, 3 + 20j) == pytest.approx(9 * math.tan(0.5), rel=0.01)
-    half = math.atan2(1, 4)
-    ahead = seen(3 + 0j, 4 - 1j, 4 + 1j)
-    assert ahead == pytest.approx(32 * (1 - 2 * half) + 3, rel=0.01)  # the triangle from the camera to tip and base
-    assert seen(-3 - 1j, -2 + 0j, -3 + 1j) == pytest.approx(32, rel=1e-3)
-
-
 def test_what_holds_the_camera_or_lies_behind_it_or_too_far_hides_nothing() -> None:
     discs, boxes = [(0, 0, 2), (-3, 0, 1), (20, 0, 2), (np.nan, 0, 2)], [box(0.1, 0, 3, 3), box(np.nan, 0, 1, 1)]
     assert area(visible_corners(0, 0, 0.0, 1.0, 8.0, False, discs, boxes)) == pytest.approx(32, rel=1e-3)

@@ -9,16 +9,14 @@ import pytest
 
 import outlast
 from outlast import role
-from outlast.components import End
 from outlast.distributions import integers
 from outlast.envs.core.agents import present, side
 from outlast.envs.errors import PlayError
 from outlast.envs.inspect.observation_text import observation_text
 from outlast.envs.inspect.world_json import describe, snapshot
-from outlast.envs.rendering.layers.end import EndLayer, winner
+from outlast.envs.rendering.layers.end import EndLayer
 from outlast.envs.rendering.layers.scores import ScoresStrip
 from outlast.envs.rendering.rgb import draw, text
-from outlast.envs.rendering.scene import Scene
 from outlast.envs.web.play.game import Game, GamePhase
 from outlast.envs.web.replay import write_page
 from outlast.systems import Maze, Teams
@@ -64,16 +62,6 @@ def test_text_and_pictures_leave_out_who_is_absent(env: Any) -> None:
         assert "side -1" not in page
         assert sum(line[2:].startswith("side ") for line in page.splitlines()) == there
         assert draw(env.worlds, w, 200, [ScoresStrip(), EndLayer()]).dtype == np.uint8
-
-
-def test_nobody_wins_against_nobody() -> None:
-    env = outlast.make_vec(ALONE, WORLDS, seed=3)
-    env.reset()
-    alone = int((present(env.worlds).sum(1) == 1).argmax())
-    env.step(np.tile(env.noop, (WORLDS, 4, 1)))
-    assert env.worlds[End].terminated[alone, 0]
-    assert winner(Scene(env.worlds, alone)) is None
-    env.close()
 
 
 def test_observations_in_words_name_roles() -> None:
