@@ -3,10 +3,7 @@
 import re
 import shlex
 from pathlib import Path
-from typing import Any
 
-import cv2
-import numpy as np
 import pytest
 
 from outlast.envs.cli.main import main
@@ -70,27 +67,6 @@ def test_commands_run(
         if extra := re.search(r"pip install '(outlast\[\w+\])'", capsys.readouterr().err):
             pytest.skip(f"{name} {' '.join(options)} needs {extra[1]}")
         assert status == 0
-
-
-@pytest.mark.nightly
-def test_films_are_those_of_their_commands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Those of games without trained policies are the same on every machine, so one that differs is old."""
-    monkeypatch.chdir(ROOT)
-    commands = [words for page in PAGES for words in shown(page) if words[0] == "frames"]
-    films = [words for words in commands if words[-1].startswith("docs/pictures/") and words[-1].endswith(".gif")]
-    assert len(films) > 10
-    for words in films:
-        kept, made = Path(words[-1]), tmp_path / Path(words[-1]).name
-        assert main([*words[:-1], str(made), "--quiet"]) == 0
-        old, new = read_film(kept), read_film(made)
-        assert old.shape == new.shape, f"{kept} is old"
-        assert np.abs(old - new).mean() < 1, f"{kept} is old"
-
-
-def read_film(path: Path) -> np.ndarray[Any, Any]:
-    """Frames, int (frames, height, width, 3)."""
-    film = cv2.VideoCapture(str(path))
-    return np.array([frame for _, frame in iter(film.read, (False, None))], int)
 
 
 def test_there_are_commands_to_run() -> None:

@@ -11,7 +11,7 @@ import outlast
 from outlast import systems, variant
 from outlast.components import Body, Side, Spawned, Strike
 from outlast.ecs import Entity
-from tests.conftest import COMPILED, digest, draw_actions, few_by_day, scaled
+from tests.conftest import COMPILED, draw_actions, few_by_day, scaled
 from tests.helpers.naive_walls import blocks, free_parts, level, obstacles, signed_distance
 from tests.helpers.random_levels import LevelChecker
 
@@ -164,56 +164,6 @@ def test_without_blocks_nothing_changes_but_overlaps_at_the_start() -> None:
         one, two = plain.step(actions)[0], walled.step(actions)[0]
     plain.close()
     walled.close()
-
-
-def test_varied_layouts_equal_worlds_with_each_of_them() -> None:
-    """Bit for bit, for a choice of two floor plans and for mazes of different sizes."""
-    one = outlast.levels.FloorPlan(walls=[(0, 0, 8, 0.5), (4, 4, 0.5, 6, 0.2)])
-    two = outlast.levels.FloorPlan(walls=[(-3, 0, 2, 6)], starts=[(0, -9, 0, 4, 8)])
-    layouts = one.layout(4), two.layout(4)
-    choice = variant("ffa_3").with_(one.mechanic(4)).vary(walls_layout=outlast.distributions.choice(*layouts))
-    maze = variant("ffa_3").with_(systems.Maze(blocks=40))
-    sizes = maze.vary(maze_columns=outlast.distributions.integers(2, 6), maze_loops=outlast.distributions.uniform(0, 1))
-    pillars = variant("teams_3").with_(systems.Pillars())
-    counts = pillars.vary(
-        pillars_count=outlast.distributions.integers(1, 12), agents_count=outlast.distributions.integers(2, 6)
-    )
-    for varied, name in ((choice, "walls_layout"), (sizes, "maze_columns"), (counts, "pillars_count")):
-        env = outlast.make_vec(varied, 6, seed=4)
-        env.reset()
-        actions = [draw_actions(env, np.random.default_rng(k)) for k in range(scaled(60, least=2))]
-        for action in actions:
-            env.step(action)
-        found = set()
-        for w in range(6):
-            own = {key: env.numbers()[key][w] for key, _ in varied.varied}
-            numbers = {key: tuple(v.tolist()) if np.ndim(v) else v.item() for key, v in own.items()}
-            found.add(numbers[name])
-            alone = outlast.make_vec(varied.replace(**numbers), 1, seed=4, first_world=w)
-            alone.reset()
-            for action in actions:
-                alone.step(action[w : w + 1, : alone.num_agents])
-            for kind in ("agent", "box", "heal", "inner_wall"):
-                here, there = env.worlds.span(kind), alone.worlds.span(kind)
-                count = there.stop - there.start
-                for column in Body.columns:
-                    mine, its = (getattr(each.worlds[Body], column) for each in (env, alone))
-                    np.testing.assert_array_equal(mine[w, here][:count], its[0, there])
-            alone.close()
-        assert len(found) > 1
-        env.close()
-
-
-def test_a_level_is_a_function_of_seed_world_and_episode() -> None:
-    for kind in GENERATORS:
-        scenario = variant("teams_3").with_(GENERATORS[kind])
-        one, two = outlast.make_vec(scenario, 4, seed=9), outlast.make_vec(scenario, 2, seed=9, first_world=2)
-        for env in (one, two):
-            env.reset()
-            env.reset()
-        assert digest(one.worlds, slice(2, 4)) == digest(two.worlds)
-        one.close()
-        two.close()
 
 
 def test_walls_exclude_each_other() -> None:

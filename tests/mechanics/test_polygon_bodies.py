@@ -1,7 +1,6 @@
 """Polygons among other bodies: sight, rays and strikes meet their sides, and they find places with their own size."""
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,9 +12,8 @@ from outlast.components import Body, Health, Polygon, Push, Shape, Sight, Solid,
 from outlast.components.sight import is_set
 from outlast.ecs import Archetype, Module, number
 from outlast.envs.inspect.world_json import describe
-from outlast.envs.recording import Recording, Replay
 from outlast.envs.rendering.scene import Scene
-from tests.conftest import draw_actions, scaled
+from tests.conftest import scaled
 
 WEDGE = [(-2 / 3, -2 / 3), (1 / 3, -2 / 3), (1 / 3, 4 / 3)]  # around its centre of mass
 HEIGHTS = [(-0.5, 5 / 12), (1.0, 7 / 6), (-1.0, None)]  # of a ray to the right, and where it meets the wedge at (1, 0)
@@ -97,18 +95,6 @@ def test_polygons_find_places_among_walls_and_keep_their_size() -> None:
     for w in range(env.worlds.count):
         query = env.query(w)
         assert [e for e in range(rows.start, rows.stop) if query.within(e, 0.0, Solid)] == []
-
-
-def test_a_recorded_game_replays(tmp_path: Path) -> None:
-    env, rng = outlast.make_vec(outlast.variant("ffa_2").with_(Rubble()), 2, seed=0), np.random.default_rng(0)
-    with outlast.record(env, tmp_path / "a.rec"):
-        env.reset()
-        for _ in range(scaled(60, 5)):
-            env.step(draw_actions(env, rng))
-    replay = Replay(Recording.open(tmp_path / "a.rec"))
-    assert len([*replay.ticks()]) == scaled(60, 5) + 1
-    np.testing.assert_array_equal(replay.worlds[Body].x, env.worlds[Body].x)
-    assert replay.worlds[Body].omega[:, env.worlds.span("stone")].any()
 
 
 @pytest.mark.parametrize("column", ["half_width", "radius", "Polygon.x", "corners"])
