@@ -13,7 +13,6 @@ from outlast.envs.errors import RecordingError
 from outlast.envs.recording import Recording, Replay, recorder
 from outlast.envs.recording.container import HEAD, MAGIC, RECORDS, encode_chunk, read_chunks, read_content
 from outlast.envs.rollout.policies import random_policy
-from tests.conftest import run
 from tests.helpers.thinker import ENTITIES, Thinker
 
 Json = dict[str, Any]
@@ -66,22 +65,6 @@ def test_agents_of_others_are_unknown(tmp_path: Path) -> None:
         pass
     assert replay.policy is not None
     assert np.isnan(replay.policy["probabilities"]).all(-1).tolist() == [[False, True]] * 3
-
-
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (("--record", "a.rec", "--record-policy"), "does not report the probabilities of its choices"),
-        (("--record-policy",), "name a file to record into, too"),
-    ],
-)
-def test_mistakes_are_one_line(
-    capsys: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: tuple[str, ...], words: str
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    status, _, err = run(capsys, "rollout", "ffa_2", "--worlds", "2", "--policy", "scripted", "--quiet", *options)
-    assert (status, words in err, len(err.strip().splitlines())) == (2, True, 1)
-    assert not list(tmp_path.iterdir())
 
 
 # ---- files

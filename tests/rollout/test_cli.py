@@ -290,11 +290,42 @@ LINES = {
     "layout maze --worlds 100000 --out x.png": "a mosaic of 316x317 pictures of 384 pixels is wider than 16384",
     "layout x.json --out x.json": "LAYOUT and --out are both x.json: give another name for one",
     "rollout ffa_1 --layout /dev/null": "/dev/null is not a floor plan: a drawing of 0 x 0 characters",
+    "rollout ffa_2 --policy scripted --record a.rec --record-policy": "does not report the probabilities of its",
+    "rollout ffa_2 --policy scripted --record-policy": "name a file to record into, too",
+    "frames ffa_3 --out film.avi": ".mp4, .webm, .gif, .apng",
+    "frames ffa_3 --out nowhere/film.webm": "there is no folder nowhere",
+    "frames ffa_3 --out f.webm --views +vison": "did you mean vision",
+    "frames ffa_3 --out f.webm --size 32": "64 to 4096",
+    "frames ffa_3 --out f.webm --fps 5000": "fps = 5000",
+    "frames ffa_3 --out pictures --fps 10": "fps = 10: for films only; pictures is a folder",
+    "frames ffa_9 --out f.webm": "did you mean",
+    "frames ffa_3 --out f.webm --size 64 --mosaic 2000000x1000000": "is wider than 16384: take a smaller size",
+    "frames ffa_3 --out f.webm --mosaic 4": "4: rows x columns are needed, as in 4x4",
+    "frames ffa_3 --out f.webm --mosaic 0x3": "0x3: rows x columns are needed, as in 4x4",
+    "frames ffa_3 --out f.webm --mosaic 2x-1": "2x-1: rows x columns are needed, as in 4x4",
+    "evaluate ffa_1 noop noop": "named twice",
+    "evaluate ffa_1 scriptd": "scriptd: did you mean scripted?",
+    "evaluate ffa_1 runs/nowhere": "runs/nowhere is not a saved policy: it must be a model's name, FILE.zip, ",
+    "evaluate ffa_1 nowhere.zip": "checkpoint nowhere.zip",
+    "evaluate ffa_1 noop --film": "films need a folder",
+    "evaluate ffa_1 noop --out /dev/null": "cannot be a folder: ",
+    "train ffa_1 1v1_heals_low --out run": "name each variant and each seed once",
+    "train ffa_1 --jobs 2 --out run": "--jobs has no effect on one run: leave it out, or name several",
+    "train ffa_2 --sweep n_agents=2,3 --sweep agents_count=2,3 --out run": "agents_count is given twice",
+    "train ffa_2 --sweep gama=1,2 --out run": "did you mean gamma",
+    "train ffa_2 --sweep melee_damage=1,1 --out run": "different values, as in melee_damage=5,10,20",
+    "train ffa_2 --sweep gamma=0.9 --ppo gamma=1 --out run": "gamma is given twice",
+    "train ffa_2 --sweep heals_count=1,2 --save-scenario game.json --out run": "--sweep makes several",
+    "train ffa_2 --ppo gama=1 --out run": "PPO has no hyperparameter 'gama'; did you mean gamma?",
+    "train ffa_2 --steps 1.5 --out run": "1.5: an integer of at least 0 is needed",
+    "train ffa_2 --memory 8 --rollout 2560 --out run": "--rollout 4096",
 }
 
 
 @pytest.mark.parametrize("line", LINES)
 def test_mistakes_are_one_line(line: str, capsys, tmp_path: Path, monkeypatch) -> None:
+    if line.startswith(("train", "evaluate")):
+        pytest.importorskip("torch", reason="needs PyTorch: outlast[train]")
     monkeypatch.chdir(tmp_path)
     try:
         status = cli.main(shlex.split(line))

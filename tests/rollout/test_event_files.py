@@ -103,22 +103,12 @@ def test_a_replay_writes_the_same_file(capsys, tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_is_refused(capsys, tmp_path: Path, monkeypatch) -> None:
-    (tmp_path / "a.csv").write_text("mine")
-    for given, words in (
-        (tmp_path / "a.csv", "exists; events never overwrite files"),
-        (tmp_path / "a.txt", "events are written as NAME.csv or NAME.parquet"),
-        (tmp_path / "none" / "a.csv", "cannot be written: there is no folder"),
-    ):
-        status, _, err = run(capsys, *ROLLOUT, "--steps=3", "--events", given)
-        assert status == 2 or status == 1
-        assert words in err
-    status, _, err = run(capsys, *ROLLOUT, "--steps=3", "--events", tmp_path / "b.csv", "--ray")
+    _, _, err = run(capsys, *ROLLOUT, "--steps=3", "--events", tmp_path / "b.csv", "--ray")
     assert "--events, --csv, --specialize and --interpret are for one machine: leave them out with --ray" in err
     monkeypatch.setitem(sys.modules, "pyarrow", None)
-    status, _, err = run(capsys, *ROLLOUT, "--steps=3", "--events", tmp_path / "b.parquet")
+    _, _, err = run(capsys, *ROLLOUT, "--steps=3", "--events", tmp_path / "b.parquet")
     assert "pip install 'outlast[data]'" in err
-    assert [file.name for file in tmp_path.iterdir()] == ["a.csv"]
-    assert (tmp_path / "a.csv").read_text() == "mine"
+    assert not list(tmp_path.iterdir())
 
 
 class Shout(Event, capacity="agents", whom="listener"):

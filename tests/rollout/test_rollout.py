@@ -354,6 +354,9 @@ def test_the_summary_says_what_differs(capsys, tmp_path: Path) -> None:
         ("--csv", "none/b.csv", "there is no folder"),
         ("--json", "a.txt", "summaries are written as NAME.json"),
         ("--json", "a.json", "summaries never overwrite files"),
+        ("--events", "a.txt", "events are written as NAME.csv or NAME.parquet"),
+        ("--events", "a.csv", "exists; events never overwrite files"),
+        ("--events", "none/b.csv", "there is no folder"),
     ],
 )
 def test_files_that_cannot_be_are_refused_before_anything_is_played(

@@ -529,25 +529,6 @@ def test_ctrl_c_prints_the_pairings_that_are_complete(capsys, caplog, monkeypatc
     assert not (tmp_path / "none").exists()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (("noop", "noop"), "named twice"),
-        (("scriptd",), r"scriptd: did you mean scripted\?"),
-        (
-            ("runs/nowhere",),
-            r"runs/nowhere is not a saved policy: it must be a model's name, FILE\.zip, .* or the folder of a run",
-        ),
-        (("nowhere.zip",), "checkpoint nowhere.zip"),
-        (("noop", "--film"), "films need a folder"),
-        (("noop", "--out", __file__), "cannot be a folder: .* is a file"),
-    ],
-)
-def test_mistakes_of_evaluate(arguments: tuple[str, ...], words: str) -> None:
-    with pytest.raises(OutlastError, match=words):
-        evaluate("ffa_1", *arguments)
-
-
 def test_a_saved_policy_rolls_out_with_the_observations_it_was_trained_with(capsys, tmp_path: Path) -> None:
     saved(tmp_path / "a.zip", "original")
     scenario = variant("teams_3").replace(safe_zone_damage=50, cameras_mode="revealed")

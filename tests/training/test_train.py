@@ -4,7 +4,6 @@ import contextlib
 import inspect
 import itertools
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -229,29 +228,6 @@ def test_every_option_reaches_every_run() -> None:
     different = {name for name in vars(usual) if getattr(again, name) != getattr(options, name)}
     assert different == set(train.OWN) - {"variant"}
     assert command.words(usual) == []
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        ("ffa_1 1v1_heals_low", "name each variant and each seed once"),
-        ("ffa_1 --jobs 2", "--jobs has no effect on one run: leave it out, or name several"),
-        ("ffa_2 --sweep n_agents=2,3 --sweep agents_count=2,3", "agents_count is given twice"),
-        ("ffa_2 --sweep gama=1,2", "did you mean gamma"),
-        ("ffa_2 --sweep melee_damage=1,1", "different values, as in melee_damage=5,10,20"),
-        ("ffa_2 --sweep gamma=0.9 --ppo gamma=1", "gamma is given twice"),
-        ("ffa_2 --sweep heals_count=1,2 --save-scenario game.json", "--sweep makes several"),
-        ("ffa_2 --ppo gama=1", "PPO has no hyperparameter 'gama'; did you mean gamma.$"),
-        ("ffa_2 --steps 1.5", "1.5: an integer of at least 0 is needed"),
-        ("ffa_2 --memory 8 --rollout 2560", "--rollout 4096"),
-    ],
-)
-def test_what_the_command_refuses(words: str, message: str, tmp_path: Path, capsys) -> None:
-    """Whether the words are wrong or the plan."""
-    with pytest.raises((TrainingError, NumberError, SystemExit)) as caught:
-        outlast_train(*words.split(), "--out", str(tmp_path / "run"))
-    assert re.search(message, f"{caught.value}{capsys.readouterr().err}")
-    assert not (tmp_path / "run").exists()
 
 
 def test_resumed_runs_without_a_checkpoint_are_named(tmp_path: Path, monkeypatch, capsys) -> None:
