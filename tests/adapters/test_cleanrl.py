@@ -60,25 +60,6 @@ def test_what_is_cut_short_is_worth_what_the_critic_expects(ppo: SimpleNamespace
     assert done.tolist() == [True, True, False]
 
 
-def test_advantages_are_sums_of_what_follows(ppo: SimpleNamespace) -> None:
-    """With lambda 1: discounted rewards until the episode ends, or the critic's word at the edge, less the value."""
-    args = ppo.Args(gamma=0.9, gae_lambda=1.0)
-    generator = torch.Generator().manual_seed(0)
-    reward, value = torch.rand((5, 2), generator=generator), torch.rand((5, 2), generator=generator)
-    done = torch.zeros((5, 2), dtype=torch.bool)
-    done[2, 0] = True
-    edge = torch.tensor([3.0, 4.0])
-    this = SimpleNamespace(agent=SimpleNamespace(value=lambda obs: obs), obs=edge, args=args)
-    found = ppo.Rollouts.advantages(this, {"reward": reward, "value": value, "done": done})
-    for t in range(5):
-        for agent in range(2):
-            end = 3 if agent == 0 and t <= 2 else 5
-            following = sum(0.9 ** (k - t) * float(reward[k, agent]) for k in range(t, end))
-            after = 0.9 ** (end - t) * float(edge[agent]) if end == 5 else 0.0
-            assert float(found["target"][t, agent]) == pytest.approx(following + after, rel=1e-5)
-    assert torch.allclose(found["advantage"], found["target"] - value)
-
-
 @pytest.mark.nightly
 def test_it_learns(ppo: SimpleNamespace) -> None:
     """Ticks that agents live, 200 at most: in the last updates far more than in the first, without training."""

@@ -13,7 +13,6 @@ from tests.conftest import COMPILED, scaled
 from tests.helpers.invariants import SCENARIOS, CheckedPlay, scenario
 
 STEPS = scaled(4000, least=100)  # world-steps of a scenario in the quick run
-MILLION = 1_000_000
 
 
 def walk(name: str, world_steps: int, num_worlds: int) -> None:
@@ -29,13 +28,6 @@ def walk(name: str, world_steps: int, num_worlds: int) -> None:
 @pytest.mark.by_day(3)
 def test_what_must_hold_holds_in_random_play(name: str) -> None:
     walk(name, STEPS, scaled(16, least=2))
-
-
-@pytest.mark.nightly
-@pytest.mark.skipif(not COMPILED, reason="a million world-steps")
-@pytest.mark.parametrize("name", SCENARIOS)
-def test_what_must_hold_holds_for_a_million_world_steps(name: str) -> None:
-    walk(name, MILLION // len(SCENARIOS) + 1, 512)
 
 
 DAMAGE: dict[str, Callable[[Any], Any]] = {  # done to world 1 of teams_4

@@ -113,16 +113,6 @@ def test_both_are_timed_in_one_run(run, checkout: Path, tmp_path: Path, monkeypa
     assert episodes[0][-1] != episodes[1][-1]
 
 
-@pytest.mark.nightly
-def test_without_the_original_nothing_is_compared(run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("perf.table.FOLDER", tmp_path)
-    out = run("--save", "here")
-    assert [line for line in printed(out) if line[0] == "row"] == [["row", "paper", "2 worlds", "3 worlds", "outlast"]]
-    assert "original" not in out
-    assert "faster" not in out
-    assert sorted(path.name for path in (tmp_path / "here").iterdir()) == ["machine.txt", "step.csv"]
-
-
 def test_timers_take_turns() -> None:
     order: list[int] = []
     times = in_turn([lambda k=k: order.append(k) or float(k) for k in range(3)], rounds=2)  # type: ignore[misc]

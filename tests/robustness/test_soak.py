@@ -1,6 +1,6 @@
 """Long play, resets of all kinds, and environments that come and go: all holds, and nothing is left behind.
 
-OUTLAST_SOAK=1 is the long run of docs/reliability.md; by night, a thousandth of it runs, where memory may still grow.
+OUTLAST_SOAK=1 is the long run of docs/reliability.md; by night, a hundredth of it runs, where memory may still grow.
 """
 
 import gc
@@ -21,7 +21,7 @@ from outlast import VARIANTS
 from tests.conftest import draw_actions
 from tests.helpers.invariants import SCENARIOS, CheckedPlay, scenario
 
-SHARE = float(os.environ.get("OUTLAST_SOAK", "0.001"))
+SHARE = float(os.environ.get("OUTLAST_SOAK", "0.01"))
 PROC, MEGABYTE = Path("/proc/self"), 2**20
 PROBES = 40  # measurements behind the first fifth of the work
 WORLDS = 512  # of an environment that is stepped by two threads

@@ -24,7 +24,6 @@ EACH = WORLDS * STEPS * 2  # agent-steps of a rollout
 SHORT = variant("ffa_1").replace(agents_health=10, safe_zone_radii=(4.0,), ending_limit=9)
 SHORT = SHORT.vary(agents_health=integers(3, 12), melee_damage=integers(1, 9))
 FIXED = [Level({"melee_damage": 1, "agents_health": 12}, (9, 9, 1)), Level({"melee_damage": 9}, (9, 9, 2))]
-GIVEN = {**SHORT.numbers(), "threads": 1}
 
 
 def config(levels: Any, steps: int = 2 * EACH, **changes: Any) -> TrainingConfig:

@@ -19,7 +19,7 @@ from outlast.ecs.kernels.errors import OutlastError
 from outlast.envs.cli import main as cli
 from outlast.envs.errors import FilmError, UsageError
 from outlast.envs.rendering.canvas import Canvas
-from outlast.envs.rollout.lineup import entries_of, load_policies, parse_lineup
+from outlast.envs.rollout.lineup import entries_of, parse_lineup
 from outlast.envs.rollout.local import rollout
 from outlast.envs.rollout.policies import POLICIES
 from outlast.envs.scenarios.scenario import Scenario
@@ -540,26 +540,6 @@ def test_a_saved_policy_rolls_out_with_the_observations_it_was_trained_with(caps
     film = ("--out", str(tmp_path / "film"), "--steps", "3", "--size", "64", "--quiet")
     assert cli.main(("frames", "teams_3", "--policy", str(tmp_path / "a.zip"), *film)) == 0
     assert len(list((tmp_path / "film").iterdir())) == 4
-
-
-def test_saved_policies_play_against_others(capsys, tmp_path: Path) -> None:
-    """With observations that all of them can play with, and each with numbers of its own."""
-    saved(tmp_path / "a.zip", "original")
-    saved(tmp_path / "b.zip", "paper")
-    small = ("--worlds", "8", *EARLY, "--quiet")
-    for policy, others in (("b.zip", "a.zip:2,scripted"), ("a.zip", "a.zip"), ("a.zip", "b.zip,random")):
-        arguments = ("--policy", str(tmp_path / policy), "--others", f"{tmp_path}/{others}", *small)
-        outputs = []
-        for _ in range(2):
-            assert cli.main(("rollout", "teams_3", *arguments)) == 0
-            outputs.append(capsys.readouterr().out.split("\n", 2)[2])
-        assert outputs[0] == outputs[1]
-        assert f"\n{tmp_path}/{others.split(',')[0].split(':')[0]} " in outputs[0]
-    names = [str(tmp_path / "b.zip"), "noop", str(tmp_path / "a.zip")]
-    scenario, (one, name, other) = load_policies(names, variant("teams_3"), 3)
-    assert scenario.numbers()["cameras_mode"] == "revealed"
-    assert name == "noop"
-    assert one.generator.initial_seed() == 3 != other.generator.initial_seed()
 
 
 def run_folder(place: Path, *steps: int) -> Path:

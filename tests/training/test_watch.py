@@ -3,7 +3,6 @@
 import base64
 import importlib
 import io
-import json
 import logging
 import math
 import os
@@ -19,7 +18,6 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlsplit
 
 import cv2
 import numpy as np
@@ -48,7 +46,6 @@ from outlast.training.runs.logs import RunLog
 from outlast.training.runs.watch import RunWatcher, figures
 from tests.conftest import call
 from tests.helpers.checkpoints import KEPT, as_checkpoint
-from tests.web.clients import answer
 
 TAGS = {"time/collected_per_second": 90_123.0, "time/updated_per_second": 36_500.0, "time/fps": 24_000.0}
 TAGS |= {"rollout/steps": 812.4, "rollout/reward0": 400.0, "rollout/reward1": 420.0, "rollout/heals_used": 2.7}
@@ -429,27 +426,6 @@ def test_folders_that_are_no_run_are_refused(tmp_path: Path) -> None:
         (tmp_path / name / "run.json").touch()
     with pytest.raises(TrainingError, match=rf"holds several runs; choose one: {tmp_path}/a, {tmp_path}/b$"):
         outlast_watch(tmp_path)
-
-
-@pytest.mark.nightly
-@pytest.mark.skipif(sys.platform == "win32", reason="Windows has no SIGINT to send")
-def test_ctrl_c_ends_it_cleanly(folder: Path, policy: Path) -> None:
-    add(folder, 1024, policy)
-    words, pipe = [sys.executable, "-m", "outlast", "watch", str(folder), "--no-browser"], subprocess.PIPE
-    process = subprocess.Popen(words, stdout=pipe, stderr=pipe, text=True)
-    try:
-        assert process.stdout is not None
-        line = process.stdout.readline()
-        assert line.startswith(f"{folder}: its newest policy plays at http://127.0.0.1:")
-        address = line.split()[-1]
-        status, _, body = answer(address, urlsplit(address).path + "status.json")
-        assert (status, json.loads(body)["newest"]["steps"]) == (200, 1024)
-        process.send_signal(signal.SIGINT)
-        _, err = process.communicate(timeout=60)
-    finally:
-        process.kill()
-        process.communicate()
-    assert (process.returncode, err.strip()) == (0, "")
 
 
 @pytest.fixture(scope="module")
