@@ -377,6 +377,8 @@ def test_joint_actions_out_of_range_are_named() -> None:
     env.reset()
     with pytest.raises(ActionError, match="action 0 of agent 1 in world 0 is 216: 0 to 215 is allowed"):
         env.step(np.array([[0, 216], [0, 0]]))
+    with pytest.raises(ActionError, match="action 0 of agent 1 in world 0 is -56: 0 to 215"):  # 200 in eight bits
+        env.step(np.array([[0, -56], [0, 0]], np.int8))
     with pytest.raises(
         ActionError, match=r"shape \(2, 2, 6\): \(worlds, agents\) = \(2, 2\) is needed, as each is a joint"
     ):

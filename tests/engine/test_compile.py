@@ -78,7 +78,9 @@ def cold(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @compiled_only
 def test_other_numbers_sizes_and_combinations_compile_nothing(cold: Path) -> None:
     """Each system has been compiled once, whatever the scenario, the threads and the number of worlds."""
+    assert not Worlds(toy_game.GAME, 1).compiled
     first = compiled_by(make())
+    assert Worlds(toy_game.GAME, 1).compiled
     assert {"clock", "run_units", "walkers.walk"} <= set(first)
     assert len(first) == len(list(cold.glob("*.unit")))
     for worlds in (
