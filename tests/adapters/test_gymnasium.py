@@ -111,18 +111,6 @@ def test_types_are_pythons_own_and_infos_keep_their_keys(name: str) -> None:
     assert {"alive", "length", "return", "kills", "deaths_zone", "deaths_melee"} < first.keys()
 
 
-def test_seeds_begin_and_the_next_reset_goes_on() -> None:
-    env, other = make(), make()
-    first, second = env.reset(seed=SEED)[0], env.reset()[0]
-    assert not equal(first, second)
-    assert equal(first, other.reset(seed=SEED, options={"anything": 1})[0])
-    for tick in range(5):
-        other.step(drawn(tick))
-    assert equal(second, other.reset()[0])
-    assert env.np_random.random() == np.random.default_rng(SEED).random()
-    assert not equal(make().reset()[0], make().reset()[0])  # without any seed, no two are alike
-
-
 # ---- pictures
 
 

@@ -1,6 +1,5 @@
 """The fast path: steps in the background, observations in memory of the caller."""
 
-import threading
 from typing import Any
 
 import numpy as np
@@ -9,7 +8,7 @@ from numpy.lib.stride_tricks import as_strided
 
 import outlast
 from outlast.envs.core.vector_env import SurvivalVectorEnv
-from outlast.envs.errors import ActionError, ClosedError, PendingError
+from outlast.envs.errors import ActionError, ClosedError
 from tests.conftest import COMPILED, digest, draw_actions
 from tests.helpers.execution_modes import same
 
@@ -69,27 +68,6 @@ def test_actions_that_were_sent_are_the_environments_own() -> None:
         actions[:] = 0
         same(one.recv()[0], expected[0])
     assert digest(one.worlds) == digest(other.worlds)
-
-
-def test_a_step_is_received_once() -> None:
-    """Of two threads in recv() at once, one gets the step, and the other is told so."""
-    env, got = make(), list[Any]()
-
-    def receive() -> None:
-        try:
-            got.append(len(env.recv()))
-        except PendingError as error:
-            got.append(str(error))
-
-    for _ in range(5):
-        env.send(draw_actions(env, np.random.default_rng(0)))
-        threads = [threading.Thread(target=receive) for _ in range(2)]
-        for thread in threads:
-            thread.start()
-        for thread in threads:
-            thread.join()
-    assert got.count(5) == 5
-    assert all(each == 5 or "recv()" in each for each in got)
 
 
 @pytest.mark.parametrize(

@@ -35,8 +35,6 @@ from outlast.ecs import (
 from outlast.envs.cli.main import main
 from outlast.envs.cli.schedule import uses
 from outlast.envs.errors import ScenarioError
-from outlast.envs.scenarios.fingerprint import difference, fingerprint
-from outlast.envs.scenarios.parse import resolve
 from outlast.envs.scenarios.variants import ALIASES
 from outlast.systems import Boxes, DropLast, FreeForAll, Melee, Teams
 from tests.conftest import draw_actions, nightly_compiled
@@ -296,30 +294,7 @@ def test_the_table_of_components_agrees_with_the_schedule(name: str, capsys: pyt
     assert all(word in printed for name, (_, *users) in rows.items() for word in (name, *users[0], *users[1]))
 
 
-# ---- mechanics of one's own: two in one file, of one name, and subclasses
-
-
-@dataclasses.dataclass(frozen=True)
-class Swamp(Module):
-    """Slows agents near the middle; no systems, as only its names matter here."""
-
-    radius: float = number(4.0, above=0)
-    drag: float = number(0.1, low=0, high=1)
-
-
-@dataclasses.dataclass(frozen=True)
-class LavaLake(Module):
-    radius: float = number(2.0, above=0)
-
-
-def test_two_mechanics_of_one_file_are_two() -> None:
-    scenario = variant("ffa_1").with_(Swamp(), LavaLake()).replace(swamp_radius=5, lava_lake_radius=1, swamp_drag=0.2)
-    assert (scenario[Swamp], scenario["lava_lake"]) == (Swamp(5, 0.2), LavaLake(1))
-    assert LavaLake in scenario.without(Swamp)
-    assert Swamp not in scenario.without("swamp")
-    assert difference(fingerprint(scenario), fingerprint(scenario.replace(lava_lake_radius=3))) != ""
-    with pytest.raises(NumberError, match="did you mean"):
-        scenario.replace(lava_radius=1)
+# ---- mechanics of one name
 
 
 def test_two_mechanics_of_one_name_are_refused() -> None:
@@ -347,28 +322,6 @@ def test_scenarios_of_the_same_mechanics_are_equal_in_any_order() -> None:
     assert one == other
     assert one.name == other.name
     assert one.to_json() == other.to_json()
-
-
-@dataclasses.dataclass(frozen=True)
-class Claws(Melee):
-    """A melee that kills at once."""
-
-    damage = 100
-
-
-def test_a_subclass_of_a_mechanic_takes_its_place_and_works() -> None:
-    """Its systems are those of its base; what is said of the base's systems holds for them."""
-    scenario = variant("ffa_1").with_(Claws()).replace(n_agents=2, claws_cooldown=3)
-    assert Melee in scenario
-    assert scenario[Melee] == Claws(blocked=False, cooldown=3)
-    env = make_vec(scenario, 1, seed=0)
-    assert [s.label for s in env.worlds.schedule.systems if s.module == "claws"] == ["claws.aim", "claws.strike"]
-    env.reset()
-    body = env.worlds[Body]
-    body.x[0, :2], body.y[0, :2] = (0, 1.5), 0
-    actions = np.array([[[1, 1, 1, 1, 0, 0], [1, 1, 1, 0, 0, 0]]])
-    env.step(actions)
-    assert env.worlds[Health].points[0, :2].tolist() == [100, 0]
 
 
 # ---- what learners see has a row an agent, and a name of its own
@@ -472,20 +425,6 @@ def test_hit_points_stay_what_they_are_however_hard_the_blows() -> None:
         hits = Hit.Table(*(np.zeros(1, column.dtype) for column in Hit.columns.values()))
         assert hurt(health, guard, hits, 0, amount, 0, -1, 1)
         assert int(health.points[0]) == left
-
-
-def test_a_factory_resolves_names_scenarios_and_numbers_in_one_way() -> None:
-    """An unknown name is compared with the factory's own keywords, too."""
-    assert resolve("ffa_1") is VARIANTS["ffa_1"]
-    assert resolve("ffa_1", {"melee_damage": 20, "n_agents": 3}) == variant("ffa_1").replace(
-        melee_damage=20, n_agents=3
-    )
-    with pytest.raises(NumberError, match="ffa_1 has no number 'mele_damage'; did you mean melee_damage"):
-        resolve("ffa_1", {"mele_damage": 20})
-    with pytest.raises(NumberError, match="ffa_1 has no number 'thread'; did you mean threads"):
-        resolve("ffa_1", {"thread": 2}, options=("seed", "threads"))
-    with pytest.raises(ScenarioError, match="3: a Scenario or the name of one is needed"):
-        resolve(3)
 
 
 @pytest.mark.parametrize("numbers", [{"n_boxes": 0}, {"n_heals": 0}, {"n_boxes": 0, "n_heals": 0}])

@@ -6,13 +6,10 @@ import numpy as np
 import pytest
 
 from outlast import VARIANTS, make_vec, variant
-from outlast.components import Body, Episode, Phase, Reward
-from outlast.ecs import Clock, Read, Worlds
-from outlast.envs.core.agents import agent_statistics, alive, side
+from outlast.components import Body, Phase
+from outlast.ecs import Clock, Read
 from outlast.envs.errors import FaultError, NotResetError
 from tests.conftest import digest, scaled
-from tests.digests import numbered_actions
-from tests.helpers.execution_modes import equal, short
 from tests.helpers.mechanics import kind
 
 WORLDS = scaled(40, least=4)
@@ -44,18 +41,6 @@ def test_spaces_are_those_of_the_rules(name: str) -> None:
         assert (values.dtype, values.shape) == (np.float32, (2, agents, *shapes[key]))
     mask = space["heals_mask"]
     assert (mask.low.min(), mask.high.max()) == (0, 1)
-
-
-def test_observations_are_copies_unless_views_are_asked_for() -> None:
-    for options in ({"copy": False}, {"copy": True}, {}):
-        env, copy = make_vec("teams_3", 2, seed=0, **options), options != {"copy": False}
-        first, _ = env.reset()
-        kept = {key: values.copy() for key, values in first.items()}
-        second, reward, *_ = env.step(np.full((2, 4, 6), 2) * [1, 1, 1, 0, 0, 0])
-        assert [first[key] is second[key] for key in first] == [not copy] * len(first)
-        assert equal(first, kept) == copy
-        assert not np.shares_memory(reward, env.worlds[Reward].reward)
-        assert not any(np.shares_memory(values, env.worlds[Episode].returns) for values in second.values())
 
 
 @pytest.mark.parametrize("options", [{}, {"threads": 2}, {"interpret": ["breaks.go"]}])
@@ -98,34 +83,3 @@ def test_a_world_with_impossible_numbers_raises_and_a_reset_cures_it(value: floa
     env.step(np.ones((3, 2, 6), int))
     control.step(np.ones((3, 2, 6), int))
     assert digest(env.worlds, [0, 2]) == digest(control.worlds, [0, 2])
-
-
-def test_the_living_their_sides_and_their_shares() -> None:
-    env = make_vec(short("teams_3"), WORLDS, seed=0, autoreset_mode="Disabled")
-    env.reset()
-    assert alive(env.worlds).all()
-    assert side(env.worlds).tolist() == [[0, 0, 1, 1]] * WORLDS
-    assert side(env.worlds, 0).tolist() == [0, 0, 1, 1]
-    for tick in range(80):
-        *_, terminated, truncated, info = env.step(numbered_actions(env, tick))
-        if (done := terminated | truncated).any():
-            break
-    health = env.observe()["own"][..., 2]
-    assert np.array_equal(alive(env.worlds), health > 0)
-    assert np.array_equal(alive(env.worlds, done), health[done] > 0)
-    reported = info["statistics"]
-    own = agent_statistics(env.worlds, reported)
-    assert np.array_equal(own["return"], reported["return"])
-    assert np.array_equal(own["kills"], reported["kills"][:, [0, 0, 1, 1]])
-    assert np.array_equal(own["length"], np.repeat(reported["length"][:, None], 4, 1))
-    assert {values.shape for values in own.values()} == {(WORLDS, 4)}
-
-
-def test_compilation_is_logged_and_not_printed(
-    caplog: pytest.LogCaptureFixture, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(Worlds, "uncompiled", ["clock"])
-    with caplog.at_level("INFO", "outlast"):
-        make_vec("ffa_1", 1)
-    assert [record.getMessage().split()[0] for record in caplog.records] == ["compiling", "compiled"]
-    assert capsys.readouterr() == ("", "")

@@ -303,6 +303,7 @@ def test_a_cell_that_is_run_again_replaces_its_systems() -> None:
 
 SCRIPT = """
 import sys
+import threading
 sys.path[:0] = [{game!r}, {root!r}]
 from {module} import STEP, make, run
 worlds = run(make(count=40, threads=2), STEP, STEP)
@@ -400,17 +401,6 @@ def test_generators_with_a_state_are_refused(expression: str, compiled: bool) ->
     with pytest.raises(DeclarationError, match=r"local\.act refers to .*the same seed.*ecs\.kernels\.random"):
         local.system(Phase.MOVE, compiled=compiled)(writing(expression))
     assert local.registered == []
-
-
-@compiled_only
-@pytest.mark.skipif(sys.platform != "linux", reason="others compile in one process")
-def test_an_error_in_a_fork_is_raised_here(cold: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """How forks end after an error: tests/engine/test_forks.py."""
-    monkeypatch.setattr(cache, "_cores", lambda: 3)
-    monkeypatch.setattr(cache, "UNITS_PER_PROCESS", 1)
-    monkeypatch.setattr(threading, "active_count", lambda: 1)
-    with pytest.raises(DeclarationError, match=r"^local\.act \(.*cannot be compiled"):
-        make(Walkers(), system_of(writing("'nothing'")))
 
 
 @called_kernel

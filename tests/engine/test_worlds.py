@@ -2,7 +2,6 @@
 
 import copy
 import ctypes
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -227,19 +226,6 @@ def test_scratch_memory_belongs_to_one_thread() -> None:
     assert 1 <= len(made) <= 3
     assert sum(memory[0, 0] for memory in made) == 2 * MANY
     assert len({memory.ctypes.data for memory in made}) == len(made)
-
-
-def test_several_python_threads_may_run_worlds_of_their_own() -> None:
-    expected = digest(walked(make(count=MANY), 10))
-
-    def play(threads: int) -> str:
-        worlds = make(count=MANY, threads=threads)
-        found = digest(walked(worlds, 10))
-        worlds.close()
-        return found
-
-    with ThreadPoolExecutor(6) as pool:
-        assert set(pool.map(play, [1, 2, 3, 1, 2, 3])) == {expected}
 
 
 @pytest.mark.parametrize("name", ["ffa_1", "teams_4"])

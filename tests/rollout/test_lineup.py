@@ -120,24 +120,6 @@ def test_draws_are_those_of_the_naive_form() -> None:
     assert (np.take_along_axis(own, draw(own, seeds, worlds, episodes)[:, None], 1) > 0).all()
 
 
-def test_draws_have_their_frequencies_and_are_independent() -> None:
-    weights, count = np.array([0.5, 0.3, 0.2]), 200
-    world, episode = (keys.ravel() for keys in np.meshgrid(np.arange(count), np.arange(count), indexing="ij"))
-    found = [draw(weights, np.full(count**2, seed), world, episode).reshape(count, count) for seed in (0, 1)]
-    for drawn in found:
-        assert deviation(np.bincount(drawn.ravel()), weights) < 5
-        assert deviation(np.bincount(drawn.ravel()[(world + episode) % 2 == 0]), weights) < 5  # whichever the side
-    pairs = [(found[0], found[1]), (found[0][1:], found[0][:-1]), (found[0][:, 1:], found[0][:, :-1])]
-    for one, other in pairs:
-        assert deviation(np.bincount((3 * one + other).ravel()), np.outer(weights, weights).ravel()) < 5
-
-
-def deviation(counts: Any, weights: Any) -> float:
-    """Standard deviations by which chi-squared is off its mean."""
-    expected = counts.sum() * weights
-    return abs(((counts - expected) ** 2 / expected).sum() - (len(counts) - 1)) / np.sqrt(2 * (len(counts) - 1))
-
-
 @pytest.mark.parametrize("weights", [[], [0, 0], [1, -1], [1, np.nan], [np.inf, 1], [[1, 0], [0, 0]]])
 def test_weights_that_cannot_be_are_refused(weights: Any) -> None:
     with pytest.raises(ValueError, match="finite numbers >= 0 are needed, in each row one above 0"):
@@ -375,4 +357,4 @@ def test_evaluations_and_opponents_of_training_know_it() -> None:
     trainer = Trainer(TrainingConfig(won_by_points(), worlds=4, rollout=4 * TICK, opponents={"noop": 1.0}), 1)
     trainer.collect()
     lane = trainer.lane
-    assert sorted(won for *_, won in lane.samples.games) == [0, 0, 1, 1]
+    assert sorted(won for *_, won in lane.games) == [0, 0, 1, 1]

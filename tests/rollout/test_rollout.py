@@ -109,33 +109,6 @@ def test_progress_counts_world_steps_and_that_nothing_ended_is_said() -> None:
     assert seen == [3, 6, 9, 12]
 
 
-def first_episodes(task: RolloutTask, count: int) -> dict[str, np.ndarray]:
-    """Statistics of the first episode of each world, (worlds, ...): every world is stepped alone, until it ends."""
-    found: dict[str, list[np.ndarray]] = {}
-    for w in range(count):
-        env = outlast.make_vec(task.scenario, 1, seed=task.seed, first_world=w, autoreset_mode="Disabled")
-        policy, done = task.policy(env, task.seed), False
-        observations, _ = env.reset()
-        while not done:
-            observations, _, terminated, truncated, info = env.step(policy(observations))
-            done = bool(terminated[0] or truncated[0])
-        for key, values in info["statistics"].items():
-            found.setdefault(key, []).append(values[0].copy())
-        env.close()
-    return {key: np.array(values) for key, values in found.items()}
-
-
-def test_the_first_episode_of_every_world_is_counted_and_no_other():
-    count = 30
-    summary, alone = run_task(whole_episodes(), 0, count), first_episodes(whole_episodes(), count)
-    assert summary.episodes == count
-    assert summary.sums.keys() == alone.keys()
-    for key, values in alone.items():
-        np.testing.assert_array_equal(summary.sums[key], values)
-    assert np.unique(alone["length"]).size > count / 2  # so worlds went on while others were played to their ends
-    assert str(summary).startswith(f"{count} whole episodes, the first of every world\n")
-
-
 def test_of_every_world_as_many_are_counted():
     work = whole_episodes(episodes=3)
     env, lengths = outlast.make_vec(work.scenario, WORLDS, seed=3), [[] for _ in range(WORLDS)]
