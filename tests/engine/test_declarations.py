@@ -169,15 +169,6 @@ def test_columns_are_the_same_objects_for_life() -> None:
     assert columns() == before
 
 
-def test_identities_of_entities_do_not_depend_on_other_archetypes() -> None:
-    """They index random draws, so they must not depend on rows, which other archetypes move."""
-    alone, among = Worlds([Walkers()], 1), Worlds(toy_game.GAME, 1)
-    mine = alone[Entity].identity[0, alone.span("walker")]
-    assert mine.tolist() == among[Entity].identity[0, among.span("walker")].tolist()
-    assert len(set(among[Entity].identity[0].tolist())) == 5
-    assert (among[Entity].identity > 0).all()
-
-
 def test_an_absent_component_is_named_with_those_present() -> None:
     worlds = Worlds([Walkers()], 1)
     with pytest.raises(DeclarationError, match="no component Meals; it has: Clock, Energy, Entity, Line, Pace"):

@@ -83,15 +83,6 @@ def test_words_are_written_beside_the_room_only_and_where_there_is_room(size: in
     assert (np.sign(ys) == (1 if isinstance(layer, StepCounterLayer) else -1)).all()
 
 
-def test_the_step_counter_counts_the_steps_of_the_episode() -> None:
-    game = ScenarioBuilder("teams_3")
-    for step in range(3):
-        assert words(game, StepCounterLayer()) == [f"tick {step}"]
-        game.step()
-    game.env.reset()
-    assert words(game, StepCounterLayer()) == ["tick 0"]
-
-
 def test_the_feed_lists_deaths_and_their_causes_the_latest_first() -> None:
     game = ScenarioBuilder("teams_3", safe_zone_damage=50)
     assert words(game, KillFeedLayer()) == []

@@ -11,7 +11,6 @@ import pytest
 import outlast
 from outlast.drawing import FILM_LAYERS, CamerasLayer, select
 from outlast.envs.errors import FilmError, RecordingError, ReplayError, ScenarioError, UsageError
-from outlast.envs.rendering.video.codecs import CODECS
 from outlast.envs.rendering.video.footage import footage
 from outlast.envs.rollout.local import ticks
 from outlast.envs.rollout.policies import random_policy, scripted_policy
@@ -26,15 +25,6 @@ def test_a_film_shows_what_was_played_with_all_that_films_show(tmp_path: Path) -
     title = "ffa_3-n_heals=3, scripted policy"
     expected = footage(env.worlds, ticks(env, scripted_policy(env), 4), [0], size=128, layers=FILM_LAYERS, title=title)
     assert np.array_equal(pictures(made), np.array(list(expected)))
-
-
-def test_a_folder_has_a_picture_for_each_tick_and_a_film_holds_the_ends(tmp_path: Path) -> None:
-    options: dict[str, Any] = {"policy": "noop", "steps": 9, "size": 64, "ending_limit": 4}
-    folder = pictures(outlast.film("ffa_1", tmp_path / "film", **options))
-    assert len(folder) == 10
-    assert not np.array_equal(folder[4], folder[5])  # the end, and the reset
-    film = outlast.film("ffa_1", tmp_path / "film.apng", fps=10, **options)
-    assert CODECS[".apng"].read(film)[0] == 10 + 2 * 8  # 0.8 seconds at each of two ends
 
 
 def test_the_command_makes_the_same_film(capsys, tmp_path: Path) -> None:

@@ -4,7 +4,6 @@ import inspect
 import json
 import shutil
 import signal
-import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -25,7 +24,7 @@ from outlast.distributions import choice
 from outlast.ecs import Entity, Field, Module, Offset, Read, Rows, Singleton, Write, column, number
 from outlast.envs.errors import StateError, UsageError
 from outlast.envs.rollout.saved import CHECKPOINT, common_scenario, newest
-from outlast.envs.storage.folder_lock import is_lock
+from outlast.envs.storage.folder_lock import FolderLock, is_lock
 from outlast.training.base.config import TrainingConfig
 from outlast.training.base.errors import TrainingError
 from outlast.training.base.log_file import last_step, read_log
@@ -359,17 +358,14 @@ def test_observations_that_are_no_numbers_are_named(mechanic: Module, preset: st
 
 
 def test_two_processes_do_not_train_one_run(tmp_path: Path) -> None:
-    """The other one reads, and writes nothing; a lock ends with its process, however that ends."""
-    code = "import sys, time, pathlib\nfrom outlast.envs.storage.folder_lock import FolderLock\n"
-    code += "lock = FolderLock(pathlib.Path(sys.argv[1]))\nlock.acquire()\nprint('held', flush=True)\ntime.sleep(600)"
-    with subprocess.Popen([sys.executable, "-c", code, str(tmp_path)], stdout=subprocess.PIPE) as other:
-        assert other.stdout is not None
-        assert other.stdout.readline() == b"held\n"
-        for again in (False, True):
-            with pytest.raises(TrainingError, match=": another process trains this run; wait until it ends"):
-                TrainingRun(config(EACH), tmp_path, resume=again)
-        assert all(map(is_lock, tmp_path.iterdir()))
-        other.kill()
+    """The other one reads, and writes nothing; how locks end with their processes is in test_folder_lock.py."""
+    lock = FolderLock(tmp_path)
+    lock.acquire()
+    for again in (False, True):
+        with pytest.raises(TrainingError, match=": another process trains this run; wait until it ends"):
+            TrainingRun(config(EACH), tmp_path, resume=again)
+    assert all(map(is_lock, tmp_path.iterdir()))
+    lock.release()
     run = TrainingRun(config(EACH), tmp_path)
     with pytest.raises(TrainingError, match="another process trains this run"):
         resume(tmp_path, 1)
