@@ -10,6 +10,7 @@ from outlast.ecs.kernels.integers import is_whole
 
 from ..errors import PlayError, install
 from ..rollout.lineup import Others, entries_of, load_policies
+from ..rollout.saved import text_of
 from ..scenarios.known_numbers import Numbers
 from ..scenarios.parse import checks_keywords, options_of, resolve
 from ..scenarios.scenario import Scenario
@@ -75,7 +76,8 @@ def play(
     entries = entries_of(others)
     world, chosen = load_policies([each for each, _ in entries], resolve(game, numbers, options_of(play)), seed)
     players = {player: weight for player, (_, weight) in zip(chosen, entries, strict=True)}
-    made = Game(world, agent=agent, others=players, seed=seed, record=record)
+    name = text_of(others) if isinstance(others, (str, os.PathLike)) else ""
+    made = Game(world, agent=agent, others=players, seed=seed, record=record, name=name)
 
     def opened(address: str) -> None:
         announce(f"{world.name}: you are agent {agent} at {address}\nCtrl-C ends the game.", address, browser)

@@ -25,6 +25,7 @@ def record(
     policy: Any = None,
     plays: Callable[[], Any] | None = None,
     episodes: int | None = None,
+    played: dict[str, Any] | None = None,
 ) -> Recorder:
     """Record `env` from its next reset on, which must reset all worlds.
 
@@ -41,6 +42,7 @@ def record(
         plays: A function that returns whether it plays each agent at present, bool (worlds, agents). None: all.
         episodes: Number of first episodes of each world that are counted; 0: all that end. A replay counts the
             same. None: it counts the first of each world, if each has one.
+        played: Who plays, if a person does: "agent", the number of theirs, and "others", the name of its opponent.
 
     Returns:
         The recorder. Use it as a context manager, or close either it or the environment.
@@ -64,5 +66,5 @@ def record(
         )
     thoughts = None if policy is None else PolicyRecorder(env, policy, plays)
     return env.add_observer(
-        lambda: Recorder(path, env.scenario, env.worlds, env.first_world, thoughts, env._guard.wait, episodes)
+        lambda: Recorder(path, env.scenario, env.worlds, env.first_world, thoughts, env._guard.wait, episodes, played)
     )

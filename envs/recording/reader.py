@@ -192,12 +192,17 @@ def _is_valid(header: Any) -> bool:
         and columns
         and math.prod(size for _, _, size in actions) <= MAX_JOINT_ACTIONS
         and ("policy" not in header or is_policy(actions, header["policy"]))
+        and ("played" not in header or _is_played(header["played"], header["agents"]))
         and digests["worlds"] >= 1
         and digests["repeat"] >= 1
         and header["given"] <= MAX_HEADER
         and header.get("episodes", 0) <= MAX_COUNT
         and len(digests["components"]) <= MAX_HEADER
     )
+
+
+def _is_played(given: Any, agents: int) -> bool:
+    return given.keys() == {"agent", "others"} and is_word(given["others"]) and given["agent"] in range(agents)
 
 
 def _scenario(path: str, header: dict[str, Any], given: Scenario | str | None) -> Scenario:

@@ -51,6 +51,7 @@ class Recorder:
         policy: PolicyRecorder | None = None,
         wait: Callable[[], None] = lambda: None,
         episodes: int | None = None,
+        played: dict[str, Any] | None = None,
     ) -> None:
         """wait: A function that returns when no tick runs in the background or is about to. The rest: see `record`."""
         self.path, self._worlds, self._policy, self._wait = Path(path), worlds, policy, wait
@@ -64,6 +65,8 @@ class Recorder:
         header = _header(scenario, form, self._joint_actions, self._digests) | {"first_world": first_world}
         if episodes is not None:
             header["episodes"] = episodes
+        if played is not None:
+            header["played"] = played
         if policy:
             header["policy"] = policy.header
         self._file = _Appender(self.path, header, form)

@@ -45,8 +45,9 @@ class Game:
     """World 0 of `scenario`, seeded. agent: the number of the agent that a person steers.
 
     others: who plays the other agents, see lineup.Lineup. record: a new file for a recording of the game, see
-    outlast.record. Keys set actions by name, in the engine's own values (ahead: -1, 0, 1). Raises PlayError if there is
-    no such agent, RecordingError if the file cannot be written, and what environments raise.
+    outlast.record. name: what the recording calls the others. Keys set actions by name, in the engine's own values
+    (ahead: -1, 0, 1). Raises PlayError if there is no such agent, RecordingError if the file cannot be written, and
+    what environments raise.
     """
 
     def __init__(
@@ -57,6 +58,7 @@ class Game:
         others: Others = "scripted",
         seed: int = 0,
         record: str | os.PathLike[str] | None = None,
+        name: str = "",
     ) -> None:
         self.env = SurvivalVectorEnv(scenario, 1, seed=seed, autoreset_mode="Disabled", copy=False)
         try:
@@ -64,7 +66,7 @@ class Game:
                 raise PlayError(f"{scenario.name} has no 'record', by which episodes are judged here: add Record()")
             self._choose(agent)
             if record is not None:
-                recording.record(self.env, record)
+                recording.record(self.env, record, played={"agent": self.agent, "others": name})
         except BaseException:
             self.env.close()
             raise
