@@ -172,21 +172,11 @@ class Seen:
         return self.centre + np.maximum(PATROL * radius, NARROW) * ahead
 
 
-def follow(
-    style: Callable[[Seen], Intent], env: SurvivalVectorEnv, pushed: bool | None = None
-) -> Callable[[Arrays], Actions]:
-    """Turn the style into a policy for an environment: a function from observations to actions.
-
-    Args:
-        style: The style.
-        env: The environment.
-        pushed: Whether its agents keep their velocity, and so have to slow down in time; None: unless they have
-            Steering. With True, agents with Steering turn to and fro, as they do in version 1 of the benchmark.
-    """
+def follow(style: Callable[[Seen], Intent], env: SurvivalVectorEnv) -> Callable[[Arrays], Actions]:
+    """Turn the style into a policy for an environment: a function from observations to actions."""
     # the value of no action; it is also the number of levels each way
     idle = {key: -low for key, low in env.action_columns}
     most = {name: max(value, SMALLEST) for name, value in env.worlds.layout.numbers("steering").items()}
-    pushed = not most if pushed is None else pushed
     widths = {key: width(fields) for key, fields in env.worlds.layout.fields.items()}
 
     def act(observations: Arrays) -> Actions:
@@ -197,14 +187,14 @@ def follow(
             )
         seen = Seen(env.fields, observations)
         plan = style(seen)
-        if pushed:  # less the velocity, to slow down in time
+        if not most:  # less the velocity, to slow down in time
             ahead, left = rotated(2 * (plan.goal - seen.position) - seen.velocity, -seen.angle)
             motion = ahead / 0.6, left / 0.6, (4 * plan.error - 3 * seen.omega) / 0.4
         else:
             ahead, left = rotated(GAIN * (plan.goal - seen.position), -seen.angle)
             motion = ahead / most["speed"], left / most["speed"], GAIN * plan.error / most["spin"]
         choice = {
-            key: level(value, idle.get(key, 0), shares=not pushed)
+            key: level(value, idle.get(key, 0), shares=bool(most))
             for key, value in zip(("ahead", "left", "turn"), motion, strict=True)
         }
         choice |= {"attack": plan.attack, "use": plan.use, "give": plan.give}
