@@ -14,7 +14,7 @@ html_title = f"outlast {version}"
 
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "film", "replay", "tables"]
 nb_execution_mode = "off"  # notebooks hold their outputs, which docs/notebooks.py makes
-exclude_patterns = ["_build", "examples"]
+exclude_patterns = ["_build", "examples", "pull_request_template.md"]
 default_role = "code"  # for single backticks in docstrings
 napoleon_use_ivar = True  # show the attributes of a class as a list
 html_theme = "furo"

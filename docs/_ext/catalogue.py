@@ -20,7 +20,7 @@ from outlast.training.base.hyperparameters import Hyperparameters
 from outlast.training.base.presets import PRESETS
 from outlast.training.base.quantities import COLUMNS
 from outlast.training.benchmark.suite import suite
-from outlast.training.benchmark.tasks import task_of, tasks
+from outlast.training.benchmark.tasks import tasks
 
 FULL = "teams_4"  # the variant with every mechanic of the paper; {value} knows its numbers
 
@@ -156,27 +156,20 @@ def columns() -> str:
 
 
 def benchmark_tasks() -> str:
-    """The tasks of the benchmark, the games in which they are tested besides that of training, and how many anchors."""
+    """The tasks of the benchmark, and the games in which they are tested besides that of training."""
+    rows = [[code(task.name), task.about, ", ".join(game.name for game in task.tests[1:])] for task in tasks().values()]
+    return grid(["task", "is", "also tested in"], rows)
+
+
+def suite_ratings() -> str:
+    """The fixed Elo ratings of the suite in each task: the best style, and the anchors."""
     rows = []
     for task in tasks().values():
-        anchors = sum(member.file is not None for member in suite(task))
-        rows.append([code(task.name), task.about, ", ".join(game.name for game in task.games[1:]), anchors or ""])
-    return grid(["task", "is", "also tested in", "anchors"], rows)
-
-
-def suite_ratings(*names: str) -> str:
-    """The fixed Elo ratings of the benchmark's suite in some tasks, ordered by those in the first task."""
-    found = [{opponent(member.name): member.rating or 0.0 for member in suite(task_of(name))} for name in names]
-    order = sorted(found[0], key=lambda member: -found[0][member])
-    return grid(
-        ["opponent", *map(code, names)], [[member, *(f"{own[member]:.0f}" for own in found)] for member in order]
-    )
-
-
-def opponent(name: str) -> str:
-    """Describe a member of a suite: an anchor by its run and its agent-steps, about the same in all tasks."""
-    run, _, steps = name.partition("-steps_")
-    return f"{run}, {int(steps) / 1e6:.0f} M" if steps else name
+        members = sorted(suite(task).members.values(), key=lambda member: member.rating or 0.0)
+        anchors = [f"{member.rating:.0f}" for member in members if member.anchor is not None]
+        best = [member for member in members if member.anchor is None][-1]
+        rows.append([code(task.name), f"{best.name} {best.rating:.0f}", ", ".join(anchors)])
+    return grid(["task", "best style", "anchors"], rows)
 
 
 def actions() -> str:

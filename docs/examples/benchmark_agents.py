@@ -1,7 +1,7 @@
-"""Agents for `outlast benchmark run`: functions (env, seed) that return a policy (observations) -> actions.
+"""Agents for `outlast benchmark plan`: functions (env, seed) that return a policy (observations) -> actions.
 
 python benchmark_agents.py sb3 ffa_2 0 1 2 --steps 1e6 --out weights  # trains what `sb3` plays, with these seeds
-AGENTS_FOLDER=weights outlast benchmark run ffa_2-v1 --agent sb3=benchmark_agents.py:sb3 --seed 0 1 2
+AGENTS_FOLDER=weights outlast benchmark plan ffa_2-v2 --agent sb3=benchmark_agents.py:sb3 --seed 0 1 2
 
 `cleanrl` is the PPO of cleanrl_ppo.py, `mappo` that of BenchMARL. All are trained against themselves. Weights are saved
 after each fifth of a training, as NAME-GAME-SEED-STEPS. The newest ones play, or those of at most AGENTS_STEPS steps.

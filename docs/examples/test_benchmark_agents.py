@@ -17,7 +17,7 @@ import torch
 from benchmark_agents import LAYERS, drawn, mappo, rows, saved, train_cleanrl
 
 from outlast.training.benchmark.agents import Made
-from outlast.training.benchmark.matches import play
+from outlast.training.benchmark.games import play
 from outlast.training.benchmark.tasks import TaskGame
 
 pytestmark = pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason="worlds without compiled systems take minutes")
@@ -42,8 +42,9 @@ def test_agents_play(name: str, folder: Path) -> None:
     if name != "striker":
         getattr(benchmark_agents, f"train_{name}")("ffa_2", 0, 1, folder)  # steps are rounded up to one rollout
     game = TaskGame("trained", SHORT.titled_as(outlast.variant("ffa_2")), (), 0)
-    found = play(game, [Made(name, f"{EXAMPLE}:{name}", 0)], 4, folder / "self.rec")
-    assert found["games"] == 4
+    found = play(game, [Made(name, f"{EXAMPLE}:{name}", 0)], 4)
+    assert sum(found.outcome[name] for name in ("won", "drawn", "lost")) == 4
+    assert len(found.moves.foreign)  # its actions are kept, as nobody else can ask it
 
 
 def test_weights_after_each_fifth(

@@ -4,7 +4,7 @@ import argparse
 import re
 import shutil
 import sys
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import Any, NoReturn
 
 from outlast.ecs.kernels.errors import did_you_mean
@@ -31,13 +31,9 @@ class Parser(argparse.ArgumentParser):
 
     def __init__(self, *, examples: Sequence[tuple[str, str]] = (), **settings: Any) -> None:
         super().__init__(**{**settings, "formatter_class": Help})
-        self.examples, self._titles = tuple(examples), dict[str, str]()
+        self.examples = tuple(examples)
         if examples:
             self.epilog = "\n".join(["examples:", *self._aligned(), *(["", self.epilog] if self.epilog else [])])
-
-    def arrange(self, groups: Mapping[str, Sequence[str]]) -> None:
-        """Show options that were added without a group in groups of these titles; arguments go by their `dest`."""
-        self._titles |= {name: title for title, names in groups.items() for name in names}
 
     def group(self, title: str) -> Any:
         """Return the group of options of that title, made when it is first asked for."""
@@ -49,13 +45,10 @@ class Parser(argparse.ArgumentParser):
         found: dict[str, list[argparse.Action]] = {}
         for group in self._action_groups:
             for action in group._group_actions:
-                name = action.option_strings[-1] if action.option_strings else action.dest
                 if action.help != argparse.SUPPRESS:
-                    found.setdefault(self._titles.get(name, group.title or ""), []).append(action)
+                    found.setdefault(group.title or "", []).append(action)
         made = [group.title or "" for group in self._action_groups if group.title != "options"]
-        return [
-            (title, found[title]) for title in dict.fromkeys([*made, *self._titles.values(), *found]) if title in found
-        ]
+        return [(title, found[title]) for title in dict.fromkeys([*made, *found]) if title in found]
 
     def words(self, options: argparse.Namespace, leave_out: Collection[str] = ()) -> list[str]:
         """Return the words of a command line that give these options, as far as they are not as usual; no arguments.

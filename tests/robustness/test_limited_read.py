@@ -43,9 +43,9 @@ def _result(path: Path) -> None:
 
 def _games(path: Path) -> None:
     pytest.importorskip("torch", reason="needs torch: outlast[train]")
-    from outlast.training.benchmark.games import Games
+    from outlast.training.benchmark.games import Moves
 
-    Games.read(path)
+    Moves.read(path)
 
 
 def _policy(path: Path) -> None:

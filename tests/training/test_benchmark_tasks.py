@@ -2,7 +2,6 @@
 
 import csv
 import hashlib
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -17,10 +16,10 @@ from outlast.training.arena.match import Act
 from outlast.training.arena.players import Contender
 from outlast.training.base import policy_file
 from outlast.training.base.errors import TrainingError
-from outlast.training.benchmark import games, matches, tasks
-from outlast.training.benchmark.games import Games
+from outlast.training.benchmark import games, tasks
+from outlast.training.benchmark.games import Moves, Played, play
 from outlast.training.benchmark.suite import FOLDER, TABLE, suite
-from outlast.training.benchmark.tasks import BUDGETS, GAMES, SEEDS, check_training_seed, track_of
+from outlast.training.benchmark.tasks import BUDGETS, GAMES, TEST_SEEDS, VALIDATION_SEED, check_training_seed, track_of
 from tests.digests import platform_name
 from tests.task_digests import begins, goes_on, identity, pinned
 from tests.task_digests import games as games_of
@@ -50,19 +49,26 @@ def test_its_worlds_go_on_as_they_did(task: str, name: str) -> None:
     assert goes_on(game) == own["goes on"][platform_name()], VERSION.format(task, name)
 
 
-@pytest.mark.parametrize("name", ["numbers-v1", "counts-v1", "agents-v1"])
+@pytest.mark.parametrize("name", ["numbers-v2", "counts-v2", "agents-v2"])
 def test_what_is_tested_outside_is_never_trained_in(name: str) -> None:
+    """Nor what checkpoints are chosen by; and tests are beyond that, too."""
     task = tasks.task_of(name)
     env = make_vec(task.scenario, 4)
     shapes = {key: array.shape for key, array in env.reset()[0].items()}
-    for game in task.games[1:]:
-        trained, tested = dict(task.scenario.varied), dict(game.scenario.varied) | dict(game.given)
-        apart = [key for key in tested if key in trained and _apart(trained[key], tested[key])]
-        assert apart, game.name
+    env.close()
+    trained, chosen_by = dict(task.scenario.varied), numbers_of(task.validation)
+    for game in (*task.tests[1:], task.validation):
+        tested = numbers_of(game)
+        assert [key for key in tested if key in trained and _apart(trained[key], tested[key])], game.name
+        if game is not task.validation:
+            assert [key for key in tested if key in chosen_by and _apart(chosen_by[key], tested[key])], game.name
         other = make_vec(game.scenario, 4)
         assert {key: array.shape for key, array in other.reset()[0].items()} == shapes
         other.close()
-    env.close()
+
+
+def numbers_of(game: tasks.TaskGame) -> dict[str, Any]:
+    return dict(game.scenario.varied) | dict(game.given)
 
 
 def test_each_side_plays_in_worlds_of_every_count() -> None:
@@ -74,11 +80,14 @@ def test_each_side_plays_in_worlds_of_every_count() -> None:
             assert {*values[::2].tolist()} == {*values[1::2].tolist()}, name
 
 
-def _apart(one: object, other: object) -> bool:
-    """Whether no value is of both. other: a distribution, or the values that worlds are given."""
-    values = other if isinstance(other, tuple) else other.extremes()  # type: ignore[attr-defined]
-    low, high = one.extremes()  # type: ignore[attr-defined]
-    return max(values) < low or min(values) > high
+def _apart(one: Any, other: Any) -> bool:
+    """Whether no value is of both: of distributions, or of the values that worlds are given."""
+    (low, high), (least, most) = (own if isinstance(own, tuple) else own.extremes() for own in map(_ends, (one, other)))
+    return bool(most < low or least > high)
+
+
+def _ends(values: Any) -> Any:
+    return (min(values), max(values)) if isinstance(values, tuple) else values
 
 
 def test_tasks_keep_to_the_protocol() -> None:
@@ -86,61 +95,62 @@ def test_tasks_keep_to_the_protocol() -> None:
     for task in tasks.tasks().values():
         seeds = [game.seed for game in task.games]
         assert len({*seeds}) == len(seeds)
-        assert {*seeds} <= {*SEEDS}
-    check_training_seed(SEEDS.start - 1)
+        assert min(seeds) >= TEST_SEEDS.start
+        assert task.validation.seed == VALIDATION_SEED
+    check_training_seed(TEST_SEEDS.start - 1)
     with pytest.raises(TrainingError, match=r"seeds from 2\*\*62 on are reserved for the worlds of tests"):
-        check_training_seed(SEEDS.start)
+        check_training_seed(TEST_SEEDS.start)
     assert [track_of(budget) for budget in BUDGETS.values()] == list(BUDGETS)
     assert track_of(BUDGETS["10M"], GAMES - 2) == track_of(65_536) == ""
-    with pytest.raises(TrainingError, match="unknown task 'ffa_2'; did you mean ffa_2-v1"):
-        tasks.task_of("ffa_2")
+    assert [name for name, task in tasks.tasks().items() if task.mates] == [
+        f"teams_{k}-v2" for k in ("2", "3", "3-mended")
+    ]
+    with pytest.raises(TrainingError, match=r"unknown task 'teams_2'; did you mean .*teams_2-v2"):
+        tasks.task_of("teams_2")
 
 
 @pytest.mark.skipif(not FOLDER.is_dir(), reason="results are not part of this archive")
-def test_anchors_that_are_shipped_are_of_their_task_and_beat_styles_where_flaws_are_mended() -> None:
-    """What docs/evaluating.md says of the ratings; and the package has the checksums of the files."""
+def test_the_strongest_anchor_beats_every_style() -> None:
+    """In every task; and the package has the checksums of the files."""
     with TABLE.open(newline="") as file:
         known = {row["task"]: row["sha256"] for row in csv.DictReader(file)}
     files = {path.stem: hashlib.sha256(path.read_bytes()).hexdigest() for path in FOLDER.glob("*.safetensors")}
     assert known == files
     assert known.keys() == set(tasks.tasks())
     for name in files:
-        members = suite(tasks.task_of(name))  # which checks the game
-        best = max(member.rating or 0.0 for member in members if member.file is None)
-        anchors = {member.name: member.rating or 0.0 for member in members if member.file is not None}
-        assert len(anchors) >= 8
-        trained = {key.partition("-")[0]: rating for key, rating in anchors.items() if "steps_0010" in key}
-        if name == "numbers-v1":
-            assert min(trained.values()) > best
-        elif "mended" in name:
-            assert trained["pool"] > best, name
-        else:
-            assert max(anchors.values()) < best, name
+        members = suite(tasks.task_of(name)).members.values()  # which checks the game
+        styles, anchors = (
+            [member.rating or 0.0 for member in members if (member.anchor is None) == style] for style in (True, False)
+        )
+        assert len(anchors) >= 4
+        assert anchors == sorted(anchors)
+        assert anchors[-1] > max(styles), name
 
 
 @pytest.mark.skipif(not FOLDER.is_dir(), reason="results are not part of this archive")
 def test_an_installed_outlast_fetches_anchors(monkeypatch, tmp_path: Path) -> None:
     """And plays against no smaller suite where it cannot."""
-    expected = suite(tasks.task_of("ffa_1-v1"))
+    expected = suite(tasks.task_of("ffa_2-v2"))
     monkeypatch.setattr("outlast.training.benchmark.suite.FOLDER", tmp_path / "nowhere/anchors")
     monkeypatch.setenv(ADDRESS, str(FOLDER.parent))
-    assert suite(tasks.task_of("ffa_1-v1")) == expected
+    assert suite(tasks.task_of("ffa_2-v2")).digest == expected.digest
     monkeypatch.setenv(ADDRESS, str(tmp_path))
-    with pytest.raises(UsageError, match=rf"the anchors of ffa_1-v1: .* cannot be read .*: set {ADDRESS}"):
-        suite(tasks.task_of("ffa_1-v1"))
+    with pytest.raises(UsageError, match=rf"the anchors of ffa_2-v2: .* cannot be read .*: set {ADDRESS}"):
+        suite(tasks.task_of("ffa_2-v2"))
 
 
 POLICIES = Path(__file__).parents[2] / "results" / "policies" / "ffa_2"
 COUNT = 8
 WIDE = 2**-7  # a rounding that is so coarse that many actions are doubtful
 OTHER_TICK = r"tick {} is the first that differs when the match is played again"
+Choices = dict[tuple[int, int, int], Any]  # first, own and last choice, by tick, world and agent
 
 
 @pytest.fixture(scope="module")
 def game() -> tasks.TaskGame:
     """Episodes of about a hundred steps."""
     short = variant("ffa_2").replace(safe_zone_damage=20, safe_zone_stand=20, safe_zone_shrink=10)
-    return tasks._task("short", "short episodes", short).games[0]
+    return tasks._game("short", short, 0)
 
 
 @pytest.fixture(scope="module")
@@ -149,75 +159,93 @@ def pair() -> list[Contender]:
 
 
 @pytest.fixture(scope="module")
-def played(game: tasks.TaskGame, pair: list[Contender], tmp_path_factory: pytest.TempPathFactory) -> tuple[Games, Any]:
-    """A match of two policies in short, with doubtful actions, and its outcome."""
-    path = tmp_path_factory.mktemp("games") / "a.rec"
+def played(game: tasks.TaskGame, pair: list[Contender]) -> Played:
+    """A match of two policies, with doubtful actions."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(matches, "ROUNDING", WIDE)
-        outcome = matches.play(game, pair, COUNT, path)
-        return games.shorten(game, pair, COUNT, path), outcome
+        patch.setattr(games, "ROUNDING", WIDE)
+        return play(game, pair, COUNT)
 
 
 @pytest.fixture(autouse=True)
 def coarse(monkeypatch) -> None:
-    monkeypatch.setattr(matches, "ROUNDING", WIDE)
+    monkeypatch.setattr(games, "ROUNDING", WIDE)
 
 
-@pytest.fixture
-def again(game: tasks.TaskGame, pair: list[Contender], tmp_path: Path) -> Callable[..., games.Repeated]:
-    """Play a match again from its file."""
-
-    def play(given: Games, pair: list[Contender] = pair) -> games.Repeated:
-        given.write(tmp_path / "a.npz")
-        return games.repeat(game, pair, COUNT, tmp_path / "a.npz")
-
-    return play
-
-
-def test_games_are_played_again_as_they_were(played: tuple[Games, Any], again: Any, tmp_path: Path) -> None:
-    short, outcome = played
-    repeated = again(short)
-    assert {key: outcome[key] for key in repeated.outcome} == repeated.outcome
-    assert (repeated.differing, repeated.drawn > 500) == (0, True)
-    assert 10 < len(short.doubtful) < repeated.drawn / 5
-    short.write(tmp_path / "b.npz")
-    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
-    fewer = replace(short, doubtful=short.doubtful[:0])
-    assert again(fewer).outcome == repeated.outcome  # on this machine, nothing is rounded
+def test_games_are_played_again_as_they_were(
+    game: tasks.TaskGame, pair: list[Contender], played: Played, tmp_path: Path
+) -> None:
+    again = play(game, pair, COUNT, played.moves)
+    assert again.outcome == played.outcome
+    assert (again.differing, again.drawn > 500) == (0, True)
+    assert 10 < len(played.moves.doubtful) < again.drawn / 5
+    one, two = (moves.write(tmp_path / name) for moves, name in ((played.moves, "a.npz"), (again.moves, "b.npz")))
+    assert one == two
+    found = Moves.read(tmp_path / "a.npz")
+    assert all(np.array_equal(getattr(found, name), getattr(played.moves, name)) for name in games.FORM)
+    fewer = replace(played.moves, doubtful=played.moves.doubtful[:0])
+    assert play(game, pair, COUNT, fewer).outcome == played.outcome  # on this machine, nothing is rounded
 
 
-def altered(short: Games, row: int, actions: Any) -> Games:
+def test_numbers_are_those_of_an_evaluation(game: tasks.TaskGame, pair: list[Contender], played: Played) -> None:
+    """A third policy in place of the first one's mates makes another match of teams."""
+    outcome = played.outcome
+    assert outcome["won"] + outcome["drawn"] + outcome["lost"] == COUNT
+    teams = tasks._game("teams", variant("teams_2").replace(safe_zone_damage=20), 0)
+    styles = [Contender(name, name) for name in ("scripted", "random", "noop")]
+    seated = list[Any]()
+
+    class Seen(Contender):
+        def act(self, env: Any, seed: int, *, keyed: bool = False, slack: float = 0.0) -> Act:
+            act = super().act(env, seed, keyed=keyed, slack=slack)
+            return lambda seen, indices: seated.append((self.text, *indices)) or act(seen, indices)
+
+    play(teams, [Seen(each.label, each.text) for each in styles], COUNT)
+    first = {name: set(zip(worlds.tolist(), agents.tolist(), strict=True)) for name, worlds, agents in seated[:3]}
+    assert {name: len(own) for name, own in first.items()} == {"scripted": 8, "random": 16, "noop": 8}
+    sides = {(world, agent): agent // 2 for world in range(COUNT) for agent in range(4)}
+    for world in range(COUNT):
+        (own,) = [sides[place] for place in first["scripted"] if place[0] == world]
+        assert [sides[place] for place in first["noop"] if place[0] == world] == [own]
+        assert {sides[place] for place in first["random"] if place[0] == world} == {1 - own}
+    assert {agent for _, agent in first["scripted"]} == {0, 1, 2, 3}  # each seat as often
+
+
+def altered(moves: Moves, row: int, actions: Any) -> Moves:
     """The games with another doubtful action."""
-    doubtful = short.doubtful.copy()
+    doubtful = moves.doubtful.copy()
     doubtful[row, games.PLACE :] = actions
-    return replace(short, doubtful=doubtful)
+    return replace(moves, doubtful=doubtful)
 
 
-def test_what_is_altered_is_found_at_its_tick(pair: Any, played: Any, again: Any, tmp_path: Path) -> None:
+def test_what_is_altered_is_found_at_its_tick(
+    game: tasks.TaskGame, pair: list[Contender], played: Played, tmp_path: Path
+) -> None:
     """Other digests, fewer of them, an action of nobody; and other weights as soon as the games are others."""
-    short, digests = played[0], played[0].digests.copy()
+    moves, digests = played.moves, played.moves.digests.copy()
     digests[[40, 50]] ^= 1
-    nobody = np.concatenate([short.doubtful, [[9, COUNT, 0, 1, 1, 1, 0, 0, 0]]])
+    nobody = np.concatenate([moves.doubtful, [[9, COUNT, 0, 1, 1, 1, 0, 0, 0]]])
     for change, words in (
         ({"digests": digests}, OTHER_TICK.format(40)),
-        ({"digests": short.digests[:-1]}, OTHER_TICK.format(len(digests) - 1)),
-        ({"doubtful": nobody}, "1 of its actions belong to agents that do not act"),
+        ({"digests": moves.digests[:-1]}, OTHER_TICK.format(len(digests) - 1)),
+        ({"digests": np.append(moves.digests, moves.digests[:1])}, "its file holds ticks or actions that the games do"),
+        ({"doubtful": nobody}, "its file holds ticks or actions that the games do not have"),
+        ({"doubtful": moves.doubtful[:, :-1]}, "holds games with a different number of actions"),
     ):
         with pytest.raises(RecordingError, match=words):
-            again(replace(short, **change))
+            play(game, pair, COUNT, replace(moves, **change))
     header, (weights,) = policy_file.read(POLICIES / "fast-0.safetensors")
     weights["actor.last.weight"] = weights["actor.last.weight"] * 1.2
     policy_file.write(tmp_path / "fast-0.safetensors", header, [weights])
     with pytest.raises(RecordingError, match=r"tick \d\b"):
-        again(short, [Contender("fast", str(tmp_path / "fast-0.safetensors")), pair[1]])
+        play(game, [Contender("fast", str(tmp_path / "fast-0.safetensors")), pair[1]], COUNT, moves)
 
 
 class Noted(Contender):
-    """A policy whose three choices are noted, by tick, world and agent."""
+    """A policy whose three choices are noted, and changed where `instead` has others."""
 
-    def __init__(self, policy: Contender, noted: dict[tuple[int, int, int], Any]) -> None:
+    def __init__(self, policy: Contender, noted: Choices, instead: Choices | None = None) -> None:
         super().__init__(policy.label, policy.text)
-        self.noted = noted
+        self.noted, self.instead = noted, instead or {}
 
     def act(self, env: Any, seed: int, *, keyed: bool = False, slack: float = 0.0) -> Act:
         act, tick = super().act(env, seed, keyed=keyed, slack=slack), 0
@@ -225,108 +253,83 @@ class Noted(Contender):
         def noting(seen: dict[str, Any], indices: Any) -> Any:
             nonlocal tick
             tick += 1
-            choices = act(seen, indices)
-            rows = zip(*indices, np.reshape(choices, (len(choices), 3, -1)), strict=True)
-            self.noted |= {(tick, int(world), int(agent)): own for world, agent, own in rows}
-            return choices
+            choices = np.reshape(act(seen, indices), (len(indices[0]), 3, -1))
+            for k, (world, agent) in enumerate(zip(*map(np.ndarray.tolist, indices), strict=True)):
+                choices[k] = self.instead.get((tick, world, agent), choices[k])
+                self.noted[tick, world, agent] = choices[k].copy()
+            return choices.reshape(len(choices), -1)
 
         return noting
 
 
 @pytest.fixture(scope="module")
-def choices(
-    game: tasks.TaskGame, pair: list[Contender], played: tuple[Games, Any], tmp_path_factory: pytest.TempPathFactory
-) -> dict[tuple[int, int, int], Any]:
+def choices(game: tasks.TaskGame, pair: list[Contender], played: Played) -> Choices:
     """All choices of a match until the first of its games ends: before that, ticks are numbered like calls."""
-    noted, path = dict[tuple[int, int, int], Any](), tmp_path_factory.mktemp("noted") / "a.npz"
+    noted: Choices = {}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(matches, "ROUNDING", WIDE)
-        played[0].write(path)
-        games.repeat(game, [Noted(each, noted) for each in pair], COUNT, path)
+        patch.setattr(games, "ROUNDING", WIDE)
+        play(game, [Noted(each, noted) for each in pair], COUNT, played.moves)
     return noted
 
 
-def doubtful(short: Games, choices: dict[Any, Any]) -> tuple[tuple[int, ...], tuple[Any, Any, Any]]:
-    """Where the first doubtful action is; the first choice there, one that was not taken, and the last."""
-    place = tuple(short.doubtful[0, : games.PLACE].tolist())
-    first, choice, last = choices[place]
-    return place, (first, first if (first != choice).any() else last, last)
+def doubtful(moves: Moves, choices: Choices) -> tuple[tuple[int, int, int], Any]:
+    """Where the first doubtful action is; the choice there that was not taken."""
+    tick, world, agent = moves.doubtful[0, : games.PLACE].tolist()
+    first, choice, last = choices[tick, world, agent]
+    return (tick, world, agent), first if (first != choice).any() else last
 
 
-def test_another_choice_within_rounding_is_found(played: Any, choices: Any, again: Any) -> None:
+def test_another_choice_within_rounding_is_found(
+    game: tasks.TaskGame, pair: list[Contender], played: Played, choices: Choices
+) -> None:
     """Whoever looks for lucky actions has to forge every digest from there on, too: then each counts as differing."""
-    place, (_, other, _) = doubtful(played[0], choices)
-    with pytest.raises(RecordingError, match=OTHER_TICK.format(place[0])):
-        again(altered(played[0], 0, other))
+    (tick, _, _), other = doubtful(played.moves, choices)
+    with pytest.raises(RecordingError, match=OTHER_TICK.format(tick)):
+        play(game, pair, COUNT, altered(played.moves, 0, other))
 
 
 def test_actions_of_another_machine_are_counted(
-    game: tasks.TaskGame,
-    pair: list[Contender],
-    played: tuple[Games, Any],
-    choices: dict[Any, Any],
-    again: Any,
-    tmp_path: Path,
+    game: tasks.TaskGame, pair: list[Contender], played: Played, choices: Choices
 ) -> None:
     """Its first doubtful choice was rounded otherwise, and all that followed in that game is as it was there."""
-    short, _ = played
-    place, (first, other, last) = doubtful(short, choices)
-
-    class There(Contender):
-        def act(self, env: Any, seed: int, *, keyed: bool = False, slack: float = 0.0) -> Act:
-            act, tick = super().act(env, seed, keyed=keyed, slack=slack), 0
-
-            def acting(seen: dict[str, Any], indices: Any) -> Any:
-                nonlocal tick
-                tick += 1
-                actions = np.array(act(seen, indices))
-                where = (indices[0] == place[1]) & (indices[1] == place[2]) & (tick == place[0])
-                whole = np.concatenate([first, other, last]) if slack else other
-                actions[where] = whole
-                return actions
-
-            return acting
-
-    there = [There(each.label, each.text) for each in pair]
-    outcome = matches.play(game, there, COUNT, tmp_path / "there.rec")
-    repeated = again(games.shorten(game, there, COUNT, tmp_path / "there.rec"))
-    assert repeated.outcome == {key: outcome[key] for key in repeated.outcome}
-    assert repeated.differing == 1
+    place, other = doubtful(played.moves, choices)
+    first, _, last = choices[place]
+    there = play(game, [Noted(each, {}, {place: np.stack([first, other, last])}) for each in pair], COUNT)
+    again = play(game, pair, COUNT, there.moves)
+    assert again.outcome == there.outcome
+    assert again.differing == 1
 
 
 @pytest.mark.parametrize("row", ["doubtful", "certain"])
-def test_an_action_outside_of_rounding_is_found(played: Any, choices: Any, again: Any, row: str) -> None:
+def test_an_action_outside_of_rounding_is_found(
+    game: tasks.TaskGame, pair: list[Contender], played: Played, choices: Choices, row: str
+) -> None:
     """Of an action that is kept as doubtful, and of one that is put there although it is not."""
-    short, _ = played
+    moves = played.moves
     certain = (at for at, own in choices.items() if at[0] > 5 and (own[0] == own[2]).all())
-    kept = tuple(short.doubtful[0, : games.PLACE].tolist())
-    tick, world, agent = place = kept if row == "doubtful" else next(certain)
+    tick, world, agent = place = doubtful(moves, choices)[0] if row == "doubtful" else next(certain)
     wrong = (choices[place][2] + 1) % np.array([3, 3, 3, 2, 2, 2])
     changed = np.where(np.arange(6) == 0, wrong, choices[place][1])
-    more = replace(short, doubtful=np.concatenate([short.doubtful, [[*place, *changed]]]))
+    more = replace(moves, doubtful=np.concatenate([moves.doubtful, [[*place, *changed]]]))
     with pytest.raises(
         RecordingError, match=rf"did not play this match: in world {world}, tick {tick}, agent {agent} it"
     ):
-        again(altered(short, 0, changed) if row == "doubtful" else more)
+        play(game, pair, COUNT, altered(moves, 0, changed) if row == "doubtful" else more)
 
 
 @pytest.mark.parametrize(
     "change",
     [
-        lambda short: {"digests": short.digests, "doubtful": short.doubtful.astype(np.int64)},
-        lambda short: {"digests": short.digests[None], "doubtful": short.doubtful},
-        lambda short: {"digests": short.digests},
-        lambda short: {"digests": short.digests, "doubtful": short.doubtful[:, :-1]},
+        lambda own: own | {"doubtful": own["doubtful"].astype(np.int64)},
+        lambda own: own | {"digests": own["digests"][None]},
+        lambda own: {"digests": own["digests"]},
         None,
     ],
-    ids=["types", "axes", "missing", "actions", "text"],
+    ids=["types", "axes", "missing", "text"],
 )
-def test_a_file_that_holds_no_games_is_refused(
-    game: tasks.TaskGame, pair: list[Contender], played: tuple[Games, Any], tmp_path: Path, change: Any
-) -> None:
+def test_a_file_that_holds_no_games_is_refused(played: Played, tmp_path: Path, change: Any) -> None:
     path = tmp_path / "a.npz"
-    np.savez(path, **change(played[0])) if change else path.write_text("text")
-    with pytest.raises(
-        RecordingError, match=r"a\.npz (is not a file of games: |holds games with a different number of actions)"
-    ):
-        games.repeat(game, pair, COUNT, path)
+    own = {name: getattr(played.moves, name) for name in games.FORM}
+    np.savez(path, **change(own)) if change else path.write_text("text")
+    with pytest.raises(RecordingError, match=r"a\.npz is not a file of games: "):
+        Moves.read(path)

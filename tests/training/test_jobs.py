@@ -33,11 +33,11 @@ if __name__ == "__main__":
 @pytest.mark.parametrize(
     ("words", "at_once"),
     [
-        ("train ffa_1 --seed 0 1 2 3 4 5 6 7", 5),
-        ("train ffa_1 --seed 0 1 2 3 4 5 6 7 --processes 2", 2),
-        ("train ffa_1 --seed 0 1 2 3 4 5 6 7 --jobs 7", 7),
-        ("benchmark run ffa_2-v1 --agent fast --seed 0 1 2 3 4 5 6 7", 5),
-        ("reproduce original", 5),
+        ("train ffa_1 --seed 0 1 2 3 4 5 6 7 --out {}", 5),
+        ("train ffa_1 --seed 0 1 2 3 4 5 6 7 --processes 2 --out {}", 2),
+        ("train ffa_1 --seed 0 1 2 3 4 5 6 7 --jobs 7 --out {}", 7),
+        ("benchmark run {}", 5),
+        ("reproduce original --out {}", 5),
     ],
 )
 def test_as_many_run_at_once_as_there_are_cores_for_this_process(
@@ -52,7 +52,10 @@ def test_as_many_run_at_once_as_there_are_cores_for_this_process(
     for command in (train, benchmark, reproduce):
         monkeypatch.setattr(command, "side_by_side", lambda runs, at_once, *_: found.append(at_once) or STOPPED)
     made = parser if words.startswith("reproduce") else None
-    assert main([*words.split(), "--quiet", "--out", str(tmp_path)], made) == STOPPED
+    if words.startswith("benchmark"):
+        plan = ["benchmark", "plan", "ffa_2-v2", "--agent", "fast", "--seed", *"01234567", "--out", str(tmp_path)]
+        assert main(plan) == 0
+    assert main([*words.format(tmp_path).split(), "--quiet"], made) == STOPPED
     assert found == [at_once]
 
 

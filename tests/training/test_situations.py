@@ -12,8 +12,8 @@ from outlast.training.benchmark.tasks import task_of
 
 WORLDS = 32
 LACKING = {  # by game: what some situations need and it has not
-    "teams_3-mended-v1": {},
-    "ffa_3-v1": {"unhurt": "cap", "weakest first": "enemies", "wounded mate": "mate"},
+    "teams_3-mended-v2": {},
+    "ffa_3-v2": {"unhurt": "cap", "weakest first": "enemies", "wounded mate": "mate"},
 }
 
 
@@ -33,8 +33,8 @@ def test_a_situation_is_passed_by_its_solution_alone(task: str, situation: Any) 
 
 
 def test_games_without_an_open_floor_or_with_varying_agents_have_no_situations(capsys) -> None:
-    assert cli.main(("benchmark", "situations", "agents-v1", "--quiet", "--policies", "noop")) == 0
+    assert cli.main(("benchmark", "situations", "agents-v2", "--quiet", "--policies", "noop")) == 0
     printed = capsys.readouterr().out
     assert printed.count("no fixed number of agents") == len(SITUATIONS)
     assert "0 of 0" in printed
-    assert attempt(SITUATIONS[0], task_of("layouts-v1").scenario, worlds=1) == "open floor"
+    assert attempt(SITUATIONS[0], task_of("layouts-v2").scenario, worlds=1) == "open floor"

@@ -18,6 +18,7 @@ from ..base.metrics import AgentMetrics
 
 Array = np.ndarray[Any, Any]
 Estimates = dict[str, tuple[float, float]]  # mean and standard error by name
+MATE = ROLES  # the role of agents that play beside the first policy
 COUNTED = ("deaths",)  # statistics that AgentMetrics counts for each policy, by the type of damage
 AgentIndices = tuple[Array, Array]  # indices of worlds and of agents in them, of equal length
 Act = Callable[
@@ -53,7 +54,8 @@ class MatchResults:
 class Match:
     """A player of `each` episodes in every world, however long they take: stopping early would favour short ones.
 
-    base_env: worlds with autoreset DISABLED. acts: the policy of each role, see lineup.role_of, or one for both.
+    base_env: worlds with autoreset DISABLED. acts: the policy of each role, see lineup.role_of, or one for both; a
+    third one plays the team-mates of the first, which is then one agent of each of its sides, each equally often.
     outcome.wins gives the winners; a draw counts half.
     """
 
@@ -79,6 +81,10 @@ class Match:
         worlds = np.arange(self.base_env.num_worlds)
         sides, absent = self.metrics.sides, self.metrics.sides < 0
         self.role = np.where(absent, -1, role_of(sides, worlds[:, None], self.done[:, None]))
+        if len(self.acts) > ROLES:
+            same = (sides[:, :, None] == sides[:, None, :]) & ~absent[:, None]
+            turn = (worlds // ROLES + self.done)[:, None] % same.sum(2)
+            self.role[(self.role == 0) & (np.tril(same, -1).sum(2) != turn)] = MATE
         going = (self.done < self.each)[:, None]
         both = len(self.acts) == 1
         masks = (going & ((both & ~absent) | (self.role == role)) for role in range(len(self.acts)))

@@ -40,6 +40,11 @@ class Contender:
             self.player = Player(policy)
         self._make = maker(self.player or policy)
 
+    @property
+    def foreign(self) -> bool:
+        """Return whether it is a function of the user's, which others cannot ask what it would do."""
+        return self.player is None and self.text not in POLICIES
+
     def check(self, env: SurvivalVectorEnv) -> None:
         """Check that the policy can play in these worlds. Raises TrainingError."""
         if self.player is not None:

@@ -108,7 +108,9 @@ def performance_profile(scores: Scores, thresholds: Sequence[float] | Array) -> 
     return shares
 
 
-def stratified_bootstrap(statistic: Callable[..., Any], *scores: Scores, reps: int = REPS, seed: int = 0) -> Estimate:
+def stratified_bootstrap(
+    statistic: Callable[..., Any], *scores: Scores, reps: int = REPS, seed: int = 0, level: float = LEVEL
+) -> Estimate:
     """Return a statistic with its 95 % interval: percentiles of its values for resampled runs.
 
     Within each task (a stratum), as many runs are drawn, with replacement, as the task has; several sets of scores are
@@ -122,6 +124,7 @@ def stratified_bootstrap(statistic: Callable[..., Any], *scores: Scores, reps: i
         *scores: By task, (runs,) each; at least two runs of each task.
         reps: How often runs are resampled.
         seed: The same seed and the same order of tasks give the same interval.
+        level: Level of the interval, such as 1 - 0.05 / n for each of n comparisons.
 
     Returns:
         The statistic of the scores, and the ends of its interval.
@@ -133,7 +136,7 @@ def stratified_bootstrap(statistic: Callable[..., Any], *scores: Scores, reps: i
         raise TrainingError(f"reps = {reps}: expected at least 1 resampling")
     generator = np.random.default_rng(seed)
     resampled = [_resampled(each, reps, generator) for each in scores]
-    return Estimate(statistic(*scores), *percentile_interval(statistic(*resampled)))
+    return Estimate(statistic(*scores), *percentile_interval(statistic(*resampled), level))
 
 
 def interval(values: Sequence[float] | Array, *, reps: int = REPS, seed: int = 0) -> tuple[float, float] | None:
@@ -147,9 +150,9 @@ def interval(values: Sequence[float] | Array, *, reps: int = REPS, seed: int = 0
     return float(low), float(high)
 
 
-def percentile_interval(resampled: Array) -> tuple[Any, Any]:
-    """Lower and upper end of the 95 % interval, from a statistic's values for resampled data: (resamplings, ...)."""
-    low, high = np.quantile(resampled, ((1 - LEVEL) / 2, (1 + LEVEL) / 2), axis=0)
+def percentile_interval(resampled: Array, level: float = LEVEL) -> tuple[Any, Any]:
+    """Return the ends of the interval of that level, from a statistic's values for resampled data, (reps, ...)."""
+    low, high = np.quantile(resampled, ((1 - level) / 2, (1 + level) / 2), axis=0)
     return low, high
 
 

@@ -13,7 +13,7 @@ from ..arena.match import Act
 from ..arena.players import Contender
 from ..base.errors import TrainingError
 from ..base.presets import PRESETS
-from .result import AGENT
+from .result import NAMES
 
 PRESET, FILE, FUNCTION = "preset", "file", "function"
 FORMS = f"a preset ({', '.join(PRESETS)}), {SAVED_AS}, or FILE.py:FUNCTION"
@@ -24,8 +24,9 @@ class Agent:
     """An agent, for all seeds and all tasks.
 
     name: Name in tables and paths. source: A preset; the folder of a run or a saved policy; or FILE.py:FUNCTION, a
-    function (env, seed) that returns a policy (observations) -> actions. {task} and {seed} are replaced by the values
-    of an entry. options: Options of its training that differ from the preset's: opponents, settings, memory.
+    function (env, seed) that returns a policy (observations) -> actions. {task}, {game} (the task without its version)
+    and {seed} are replaced by the values of an entry. options: Options of its training that differ from the preset's:
+    opponents, settings, memory.
     """
 
     name: str
@@ -37,12 +38,22 @@ class Agent:
         """Return the agent that a user names: "fast" or "NAME=SOURCE". Raises TrainingError."""
         name, _, source = text.partition("=")
         agent = cls(name, source or name, options)
-        if AGENT.fullmatch(name) is None:
+        if NAMES.fullmatch(name) is None:
             raise TrainingError(f"{name!r} must consist of letters, digits and . _ - +, as in mine={FORMS}")
         if options and agent.kind != PRESET:
             given = ", ".join(options)
             raise TrainingError(f"{given} has no effect on {text}, which is trained already: leave it out")
         return agent
+
+    @property
+    def trained(self) -> bool:
+        """Return whether the benchmark trains it."""
+        return self.kind == PRESET
+
+    @property
+    def function(self) -> bool:
+        """Return whether it is a function of the user's."""
+        return self.kind == FUNCTION
 
     @property
     def kind(self) -> str:
@@ -64,7 +75,8 @@ class Agent:
 
     def place(self, task: str, seed: int) -> str:
         """Return the source for a task and a seed."""
-        return self.source.replace("{task}", task).replace("{seed}", str(seed))
+        game = task.rpartition("-")[0]
+        return self.source.replace("{task}", task).replace("{game}", game).replace("{seed}", str(seed))
 
     def made(self, task: str, seed: int) -> "Made":
         """Return the policy that a function makes for a task and a seed. Raises TrainingError, ScenarioError."""

@@ -1,39 +1,38 @@
-"""An entry: an agent with a seed in a task. It is trained, plays itself and the suite, and gets a best response.
+"""An entry: an agent with a seed in a task. It is trained, chosen by validation, tested, and gets best responses.
 
 Every part can be stopped at any time and continued: files in the folder are always complete.
 """
 
-import json
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+
+import numpy as np
 
 from outlast.envs.errors import ActionError
-from outlast.envs.rollout.lineup import parse_lineup
-from outlast.envs.rollout.saved import newest
+from outlast.envs.rollout.saved import checkpoints
 from outlast.envs.storage.folder_lock import FolderLock
 
 from ..arena.players import Contender
 from ..base import log_file, policy_file
-from ..base.config import FAST, OPPONENTS, TrainingConfig, Workload
-from ..base.config import SELF as OWN
+from ..base.config import FAST, TrainingConfig, Workload
 from ..base.errors import TrainingError
 from ..base.files import write_files
 from ..policies.player import weights_of
 from ..runs.run import TrainingRun
-from . import result
-from .agents import FUNCTION, PRESET, Agent
-from .matches import digest, play
-from .policy_facts import STEPS, described, response_config
-from .result import BEST, NAME, POLICY, RESPONSE, SELF, Content, Result
+from . import situations
+from .agents import Agent, Made
+from .games import SUFFIX, digest, play
+from .manifest import Manifest
+from .policy_facts import STEPS, agent_config, described, response_config
+from .result import AGENT, NAME, NUMBERS, SELF, Content, Pairing, Result, share
 from .suite import suite
-from .tasks import Task, TaskGame, check_training_seed, response_steps
+from .tasks import Task, TaskGame
 
-RATES = {"fast": 80_000, "original": 5_000, "paper": 5_000, "scaled": 5_000}  # agent-steps a second on one core
-TRAINED = "trained"  # the folder of a run
+RATES = {"fast": 120_000, "original": 5_000, "paper": 5_000, "scaled": 5_000}  # agent-steps a second on one core
+TRAINING, RESPONDING = "training", "responding"  # folders of runs
 Progress = Callable[[int, str], None]  # work done, in agent-steps of training; and a description of the current work
 
 
@@ -44,73 +43,122 @@ class Entry:
     threads: Threads of training; 0: the default of `outlast.train`.
     """
 
+    manifest: Manifest
+    name: str
     task: Task
-    agent: Agent
     seed: int
-    budget: int
-    games: int
-    out: Path
     threads: int = 0
 
-    def __post_init__(self) -> None:
-        """Check the seed. Raises TrainingError."""
-        check_training_seed(self.seed)
-
     @property
-    def name(self) -> str:
-        """The name of the entry in messages."""
-        return f"{self.task.name} {self.agent.name}/{self.seed}"
+    def agent(self) -> Agent:
+        """The agent."""
+        return self.manifest.agents[self.name]
+
+    def __str__(self) -> str:
+        return f"{self.name} {self.task.name} {self.seed}"
 
     @property
     def folder(self) -> Path:
         """The folder of its result."""
-        return self.out / str(self.budget) / self.task.name / self.agent.name / str(self.seed)
-
-    @property
-    def wanted(self) -> list[tuple[TaskGame, str]]:
-        """The matches to be played: in every game, against itself and the suite."""
-        names = [SELF, *(member.name for member in suite(self.task))]
-        return [(game, name) for game in self.task.games for name in names]
-
-    @property
-    def responds(self) -> bool:
-        """Return whether a best response can be trained, which plays against a saved policy."""
-        return self.agent.kind != FUNCTION
+        return self.manifest.folder_of(self.name, self.task, self.seed)
 
     def config(self) -> TrainingConfig:
-        """Return the config of the training. Raises TrainingError."""
-        options = dict(self.agent.options)
-        options["opponents"] = parse_lineup(options.get("opponents", OWN), OPPONENTS)
-        return TrainingConfig(
-            self.task.scenario, self.agent.source, self.budget, self.seed, threads=self.threads, **options
-        )
+        """Return the config of its training. Raises TrainingError."""
+        content = self.manifest.content
+        return agent_config(self.task, self.agent, self.seed, content["budget"], content["checkpoints"], self.threads)
+
+    @property
+    def planned(self) -> list[Pairing]:
+        """All its matches."""
+        return self.manifest.planned(self.agent, self.task, self.seed)
+
+    @property
+    def situated(self) -> bool:
+        """Return whether the agent is tried in situations, which only the first seed is."""
+        return bool(self.seed == self.manifest.content["seeds"][0])
+
+    @property
+    def responses(self) -> dict[str, int]:
+        """The longest training of each kind of best response, agent-steps."""
+        names = (name.split() for name in self.manifest.responses(self.agent, self.seed))
+        return {kind: max(self.manifest.content["responses"]) for kind, _ in names}
 
     @property
     def work(self) -> int:
-        """All the work, in agent-steps: of training, and for each match as many as take the same time."""
-        trained = Workload.of(self.config()).total if self.agent.kind == PRESET else 0
-        response = response_steps(self.budget) if self.responds else 0
-        return trained + response + (len(self.wanted) + self.responds) * self.match_work
+        """All the work, in agent-steps of training: of trainings, and for matches as many as take the same time."""
+        trained = Workload.of(self.config()).total if self.agent.trained else 0
+        return trained + sum(self.responses.values()) + sum(map(self.match_work, self.planned))
 
-    @property
-    def match_work(self) -> int:
-        """The work of a match: the agent-steps of training that take about the same time."""
-        return 1000 * self.games * int(self.task.scenario.numbers()["agents_count"])
+    def match_work(self, pairing: Pairing) -> int:
+        """Return the work of a match: the agent-steps of training that take about the same time."""
+        return 800 * self.manifest.games(pairing) * int(self.task.scenario.numbers()["agents_count"])
 
     def done(self) -> int:
         """Return the part of `work` that is done, judging by the files in the folder."""
-        logs = sum(log_file.last_step(self.folder / name / log_file.NAME) for name in (TRAINED, BEST))
-        return logs + len(list(self.folder.glob("*.rec"))) * self.match_work
+        names = (TRAINING, *(f"{RESPONDING}-{kind}" for kind in self.responses))
+        logs = sum(log_file.last_step(self.folder / name / log_file.NAME) for name in names)
+        there = {path.name for path in self.folder.glob(f"*{SUFFIX}")}
+        return logs + sum(self.match_work(pairing) for pairing in self.planned if pairing.file in there)
+
+    def seconds(self) -> float:
+        """Return the estimated seconds on one core of a machine like that of docs/performance.md."""
+        trained = Workload.of(self.config()).total if self.agent.trained else 0
+        rate = RATES.get(self.agent.source, RATES[FAST])
+        return trained / rate + (self.work - trained) / RATES[FAST]
 
 
-def estimate(entries: Iterable[Entry]) -> float:
-    """Return the estimated seconds of one core for all entries, on a machine like that of docs/performance.md."""
-    seconds = 0.0
-    for entry in entries:
-        trained = entry.budget / RATES[entry.agent.source] if entry.agent.kind == PRESET else 0.0
-        rest = entry.work - (Workload.of(entry.config()).total if entry.agent.kind == PRESET else 0)
-        seconds += trained + rest / RATES[FAST]
-    return seconds
+def seats(
+    result: Result, task: Task, pairing: Pairing, own: Contender | None, rival: Callable[[str], Contender | None]
+) -> list[Contender | None]:
+    """Return the policies of a match, in the order of `games.play`. Raises TrainingError for unknown names.
+
+    own: The agent. rival: Returns another agent of the manifest by its name, which plays this task with the same seed.
+    """
+
+    def named(name: str) -> Contender | None:
+        if name in result.content["responses"]:
+            path = result.response(name)
+            if not path.exists():
+                raise FileNotFoundError(path)
+            return Contender(name, str(path))
+        if name.startswith(AGENT):
+            return rival(name.removeprefix(AGENT))
+        if name not in suite(task).members:
+            raise TrainingError(f"the suite of {task.name} has no member {name}")
+        return suite(task).members[name].contender()
+
+    others = [named(name) for name in (pairing.against, pairing.mate) if name != SELF]
+    if pairing.against == SELF and pairing.mate != SELF:
+        raise TrainingError(f"{pairing}: an agent does not meet itself with other mates")
+    return [own, *others]
+
+
+def game_of(task: Task, name: str) -> TaskGame:
+    """Return a game of a task. Raises TrainingError."""
+    found = [game for game in task.games if game.name == name]
+    if not found:
+        raise TrainingError(f"{task.name} has no game '{name}'")
+    return found[0]
+
+
+def chosen(result: Result) -> int:
+    """Return the number of the candidate that won most games in the validation; the last of equal ones."""
+    shares = np.zeros(len(result.content["candidates"]))
+    for pairing, match in result.matches.items():
+        if 0 <= pairing.candidate < len(shares):
+            shares[pairing.candidate] += share(match)
+    return int(len(shares) - 1 - shares[::-1].argmax())
+
+
+def situated(task: Task, own: Contender) -> dict[str, float]:
+    """Return the share of worlds in which an agent passes each situation that the game of the task has."""
+    found = situations.shares(task.scenario, own)
+    return {name: value for name, value in found.items() if not isinstance(value, str)}
+
+
+def _after(paths: Sequence[Path], steps: int) -> Path:
+    """Return the first of these checkpoints that has at least so many agent-steps."""
+    return next(path for path in paths if int(path.stem.rpartition("_")[2]) >= steps)
 
 
 class EntryRun:
@@ -118,129 +166,148 @@ class EntryRun:
 
     def __init__(self, entry: Entry, progress: Progress = lambda done, text: None) -> None:
         """Begin, or continue the work in the folder. Raises TrainingError if the folder holds another entry."""
-        self.entry, self.progress, self.result = entry, progress, self._there(entry)
+        self.entry, self.progress = entry, progress
+        self.result = self._there()
 
-    @staticmethod
-    def _there(entry: Entry) -> Result:
-        """Return the result in the folder, or an empty one if it has none."""
-        agent = {"agent": entry.agent.name, "source": entry.agent.source, "options": entry.agent.options}
-        begun = result.begun(entry.task, **agent, seed=entry.seed, budget=entry.budget, games=entry.games)
-        fresh = json.loads(json.dumps(begun))
-        there = entry.folder / NAME
-        found = result.read(there) if there.exists() else Result(entry.folder, fresh)
-        for key in ("task", "agent", "source", "options", "seed", "budget", "games", "fingerprints"):
-            if (kept := found.content[key]) != (mine := fresh[key]):
-                wrong = f"{there} has {key} {kept!r:.80}, not {mine!r:.80}"
-                raise TrainingError(f"{wrong}: choose another name for the agent, or another --out")
-        return found
+    def _there(self) -> Result:
+        return self.entry.manifest.result(self.entry.name, self.entry.task, self.entry.seed)
 
     def run(self) -> Result:
         """Do all remaining work. Ctrl-C saves, and is raised. Raises TrainingError."""
         with self._alone():
-            self.result = self._there(self.entry)  # another process may have continued it
-            return self._run()
+            self.result = self._there()  # another process may have continued it
+            self._enter()
+            for pairing in self.entry.planned:
+                if pairing.candidate < 0 and self.result.content["policy"] is None:
+                    self._choose()
+                if pairing not in self.result.matches and self._ready(pairing):
+                    self._play(pairing)
+            if self.entry.situated and self.result.content["situations"] is None:
+                self.result.content["situations"] = situated(self.entry.task, self._agent(-1))
+                self.result.write()
+        return self.result
 
     @contextmanager
     def _alone(self) -> Iterator[None]:
         """Create the folder and lock it against other processes."""
         folder = self.entry.folder
-        lock = FolderLock(folder, "plays this entry", (NAME, f"*{policy_file.SUFFIX}", "*.rec"))
+        lock = FolderLock(folder, "plays this entry", (NAME, f"*{policy_file.SUFFIX}", f"*{SUFFIX}"))
         try:
             lock.acquire()
         except BlockingIOError as error:
             raise TrainingError(str(error)) from None
         except OSError as error:
-            raise TrainingError(f"{folder} cannot be a folder: {error.strerror}; choose another --out") from error
+            raise TrainingError(f"{folder} cannot be a folder: {error.strerror}; choose another folder") from error
         try:
             yield
         finally:
             lock.release()
 
-    def _run(self) -> Result:
-        self._enter()
-        own = self._contender()
-        for game, name in self.entry.wanted:
-            if (game.name, name) not in self.result.against:
-                self._play(game, name, own)
-        if self.entry.responds:
-            self._respond(own)
-        return self.result
-
     def _enter(self) -> None:
-        """Put the policy into the folder: train it, or copy an existing one, which must be the one that played."""
-        content, kept = self.result.content, self.entry.folder / POLICY
-        played = self.result.matches or content["response"]
-        replaced = not played and self.entry.agent.kind != PRESET  # copied anew, since it may have changed
-        if content["policy"] is None or replaced:
-            content["policy"] = self._policy()
+        """Put the candidates into the folder: train them, or copy a policy, which must be the one that played."""
+        content, agent, count = self.result.content, self.entry.agent, len(self.result.content["matches"])
+        before = content["policy"], content["candidates"]
+        if agent.function:
+            content["policy"] = {"digest": digest(self._made().file), STEPS: None, "of_task": False, "met": []}
+            if count and content["policy"] != before[0]:
+                raise TrainingError(
+                    f"{self._made().file} is not the function of {count} matches in {self.entry.folder}"
+                )
+        elif not before[1] or not (count or agent.trained):
+            paths = self._trained() if agent.trained else [self._saved()]
+            content["candidates"] = [self._keep(path, self.result.policy(k)) for k, path in enumerate(paths)]
+        else:
+            for k, known in enumerate(before[1]):
+                path = self.result.policy(k)
+                if not path.exists() and not agent.trained:
+                    self._keep(self._saved(), path)
+                if not path.exists() or digest(path) != known["digest"]:
+                    raise TrainingError(f"{path} is not candidate {k} of {count} matches there")
+        if (content["policy"], content["candidates"]) != before:
             self.result.write()
-            return
-        found = digest(kept) if kept.exists() else self._policy()["digest"]
-        if found != content["policy"]["digest"]:
-            raise TrainingError(
-                f"{self.entry.folder}: the policy is not the one that played {len(self.result.against)} "
-                "matches there: give the agent another name, or choose another --out"
-            )
 
-    def _policy(self) -> Content:
-        """Put the policy into the folder, unless it is a function; return its entry in the result."""
-        entry = self.entry
-        if entry.agent.kind == FUNCTION:
-            made = entry.agent.made(entry.task.name, entry.seed)
-            return {"digest": digest(made.file), STEPS: None, "of_task": False, "met": []}
-        if entry.agent.kind == PRESET:
-            return self._keep(self._train(entry.config(), TRAINED), POLICY)
-        return self._keep(entry.agent.policy(entry.task.name, entry.seed), POLICY)
+    def _choose(self) -> None:
+        """Choose the policy, when all candidates are validated."""
+        best = chosen(self.result)
+        write_files({self.result.policy(): self.result.policy(best).read_bytes()})
+        self.result.content["policy"] = self.result.content["candidates"][best]
+        self.result.write()
 
-    def _keep(self, path: Path, name: str) -> Content:
+    def _ready(self, pairing: Pairing) -> bool:
+        """Return whether the opponent is there: another agent may not have been run yet."""
+        name = pairing.against.removeprefix(AGENT)
+        return name == pairing.against or self._other(name).content["policy"] is not None
+
+    def _other(self, name: str) -> Result:
+        """Return the result of another agent of the manifest."""
+        return self.entry.manifest.result(name, self.entry.task, self.entry.seed)
+
+    def _trained(self) -> list[Path]:
+        """Train the agent. Return its checkpoints after equal shares of the training."""
+        config, count = self.entry.config(), self.entry.manifest.candidates(self.entry.agent)
+        every = self._train(config, TRAINING)
+        return [_after(every, min(config.steps, config.every * (k + 1))) for k in range(count)]
+
+    def _saved(self) -> Path:
+        return self.entry.agent.policy(self.entry.task.name, self.entry.seed)
+
+    def _made(self) -> Made:
+        return self.entry.agent.made(self.entry.task.name, self.entry.seed)
+
+    def _keep(self, path: Path, kept: Path) -> Content:
         """Copy a policy, with weights in half precision; return its entry in the result."""
-        kept = self.entry.folder / name
         saved = path.suffix == policy_file.SUFFIX
         write_files({kept: path.read_bytes() if saved else policy_file.content(*weights_of(path))})
         return described(kept, self.entry.task)
 
-    def _train(self, config: TrainingConfig, name: str) -> Path:
-        """Begin or continue a training; return the newest checkpoint."""
+    def _train(self, config: TrainingConfig, name: str) -> list[Path]:
+        """Begin or continue a training; return its checkpoints."""
         folder = self.entry.folder / name
         with self._timed(name):
             run = TrainingRun(config, folder, resume=folder.exists())
             run.train(lambda run: self.progress(self.entry.done(), f"{name}: {run.now}"))
-        return newest(folder)
+        return checkpoints(folder)
 
-    def _contender(self) -> Contender:
-        entry = self.entry
-        if entry.agent.kind == FUNCTION:
-            return entry.agent.made(entry.task.name, entry.seed)
-        return Contender(entry.agent.name, str(entry.folder / POLICY))
+    def _agent(self, candidate: int) -> Contender:
+        if self.entry.agent.function:
+            return self._made()
+        return Contender(self.entry.name, str(self.result.policy(candidate)))
 
-    def _play(self, game: TaskGame, name: str, own: Contender, other: Contender | None = None, known: str = "") -> None:
-        """Play a match, and enter it. other, known: An opponent outside the suite, and its digest."""
-        if other is None and name != SELF:
-            member = next(member for member in suite(self.entry.task) if member.name == name)
-            other, known = member.contender(), member.digest
-        self.progress(self.entry.done(), f"{game.name} against {name}")
-        path = self.entry.folder / result.recording_name(game.name, name)
-        pair = [own] if other is None else [own, other]
+    def _rival(self, name: str) -> Contender:
+        """Return another agent of the manifest."""
+        return EntryRun(Entry(self.entry.manifest, name, self.entry.task, self.entry.seed))._agent(-1)
+
+    def _play(self, pairing: Pairing) -> None:
+        """Play a match, and enter it."""
+        entry, opponent = self.entry, ""
+        if pairing.against.startswith(AGENT):
+            opponent = self._other(pairing.against.removeprefix(AGENT)).content["policy"]["digest"]
+        elif pairing.against in entry.manifest.responses(entry.agent, entry.seed):
+            self._respond(pairing.against)
+        self.progress(entry.done(), str(pairing))
         with self._timed("matches"):
+            policies = seats(self.result, entry.task, pairing, self._agent(pairing.candidate), self._rival)
             try:
-                found = play(game, pair, self.entry.games, path)
+                played = play(game_of(entry.task, pairing.game), policies, entry.manifest.games(pairing))
             except ActionError as error:
-                raise TrainingError(f"{game.name} against {name}: {error}") from error
-        match = {"game": game.name, "against": name, "opponent": known, **found}
-        self.result.matches.append(match)
+                raise TrainingError(f"{entry}, {pairing}: {error}") from error
+            moves = played.moves.write(entry.folder / pairing.file)
+        figures = played.outcome.pop("figures") if pairing.against == SELF else {}
+        match = pairing._asdict() | {"opponent": opponent, "moves": moves, "figures": figures}
+        self.result.content["matches"].append(match | {name: played.outcome[name] for name in NUMBERS})
         self.result.write()
 
-    def _respond(self, own: Contender) -> None:
-        """Train a best response to the policy, and play their match."""
-        entry, content, game = self.entry, self.result.content, self.entry.task.games[0]
-        if content["response"] is None:
-            config = response_config(entry.task, entry.seed, entry.budget, entry.folder / POLICY, entry.threads)
-            path = self._train(config, BEST)
-            content["response"] = self._keep(path, RESPONSE)
-            self.result.write()
-        if (game.name, BEST) not in self.result.against:
-            best = Contender(BEST, str(entry.folder / RESPONSE))
-            self._play(game, BEST, own, best, content["response"]["digest"])
+    def _respond(self, name: str) -> None:
+        """Train a best response to the policy, and keep its checkpoint after the agent-steps in its name."""
+        if name in self.result.content["responses"]:
+            return
+        kind, steps = name.split()
+        path, longest = self.result.policy(), self.entry.responses[kind]
+        config = response_config(self.entry.task, self.entry.seed, kind, longest, path, self.entry.threads)
+        every = self._train(config, f"{RESPONDING}-{kind}")
+        kept = self._keep(_after(every, int(steps)), self.result.response(name))
+        self.result.content["responses"][name] = kept
+        self.result.write()
 
     @contextmanager
     def _timed(self, name: str) -> Iterator[None]:
@@ -249,7 +316,7 @@ class EntryRun:
         try:
             yield
         finally:
-            seconds: dict[str, Any] = self.result.content["seconds"]
+            seconds: dict[str, float] = self.result.content["seconds"]
             for key, spent in (("wall", time.perf_counter() - wall), ("cpu", time.process_time() - cpu)):
                 seconds[f"{name} {key}"] = round(seconds.get(f"{name} {key}", 0.0) + spent, 2)
             self.result.write()

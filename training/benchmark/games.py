@@ -1,61 +1,62 @@
-"""Replay of matches to verify them: from recordings, or from short games of a few kB each.
+"""Matches: played, and played again to verify them, tick by tick and action by action.
 
-The policies are available, so `repeat` lets them play again. A file of short games (.npz) holds the rest:
+A match is a function of its game and its policies. Its file (.npz, a few kB) holds what these cannot tell again:
 
-- a digest of four bytes of every tick, to recognise the games that were played;
-- the doubtful actions: those whose random number is so close to another choice that another machine may take it.
+- digests: four bytes of a hash of every tick, over all actions and the digest of the state;
+- doubtful: those actions whose random number is so close to another choice that another machine may take that;
+- foreign: all actions of functions of the user's, which are not executed again.
 """
 
 import contextlib
 import hashlib
 import io
-import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
-from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from outlast.ecs import STEP
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import RecordingError
-from outlast.envs.recording import Recording, record
-from outlast.envs.recording.tick_records import JointActions, TickRecord
-from outlast.envs.rollout.saved import common_scenario, forms
-from outlast.envs.scenarios.fingerprint import difference, fingerprint
+from outlast.envs.recording.digests import Digests
+from outlast.envs.recording.tick_records import JointActions
+from outlast.envs.rollout.lineup import ROLES
 from outlast.envs.storage import safe_npz
 
-from ..arena.match import Act, AgentIndices, Match
+from ..arena.evaluation import Evaluation
+from ..arena.match import Act, AgentIndices, Match, MatchResults, Pairing
 from ..arena.players import Contender
+from ..base.errors import TrainingError
 from ..base.files import write_files
-from . import matches
-from .kept import SHORT
-from .matches import Array, Asked
 from .tasks import TaskGame
 
+Array = np.ndarray[Any, Any]
+SUFFIX = ".npz"
 LARGEST = 2**24  # maximum bytes of a file
 PLACE = 3  # numbers that locate an action: tick, world, agent
-FORM = {"digests": ("<u4", 1), "doubtful": ("<u4", 2)}  # type and number of axes of the arrays in a file
-BYTES, FEW = 16, 4  # bytes of the digest of a tick: of a recording; of short games
-Played = Callable[[int, AgentIndices, Any], Array]  # number of a tick record, agents, their policy's choice: actions
+FORM = {"digests": ("<u4",), "doubtful": ("<u4",), "foreign": ("|u1", "<u2", "<u4")}  # types of the arrays in a file
+DIGITS = 6  # significant digits of figures
+# Possible difference of cumulative probabilities between machines. Ten policies were computed in float32 and in
+# float64, and with inputs that differ by a unit in the last place: at most 7.5e-7, in 240,000 rows.
+ROUNDING = 2**-18
 
 
 @dataclass(frozen=True)
-class Games:
-    """A match in short form.
+class Moves:
+    """The content of the file of a match; see the module.
 
-    digests: uint32 (ticks,), see `_digests`. doubtful: uint32 (n, 3 + actions): tick, world, agent, and the actions of
-    this agent.
+    digests: uint32 (ticks,). doubtful: uint32 (n, 3 + actions): tick, world, agent, and what it did. foreign: unsigned
+    integers (actions of functions,), the number of each joint action, in the order in which they were taken.
     """
 
     digests: Array
     doubtful: Array
+    foreign: Array
 
     @classmethod
-    def read(cls, path: Path) -> "Games":
+    def read(cls, path: Path) -> "Moves":
         """Read a file. Raises RecordingError."""
         try:
             with path.open("rb") as file:
@@ -63,112 +64,205 @@ class Games:
             arrays = {name: safe_npz.array(found[f"{name}.npy"]) for name in FORM}
         except safe_npz.BROKEN as error:
             raise RecordingError(f"{path} is not a file of games: {error}") from error
-        if any((arrays[name].dtype.str, arrays[name].ndim) != form for name, form in FORM.items()):
+        axes = {name: array.ndim for name, array in arrays.items()}
+        if axes != dict.fromkeys(FORM, 1) | {"doubtful": 2} or any(
+            arrays[name].dtype.str not in types for name, types in FORM.items()
+        ):
             raise RecordingError(f"{path} is not a file of games: its arrays have other types or shapes")
         return cls(**arrays)
 
-    def write(self, path: Path) -> None:
-        """Write a file, completely or not at all; equal games give equal bytes. Raises TrainingError."""
+    def write(self, path: Path) -> str:
+        """Write a file, completely or not at all; equal moves give equal bytes. Return its SHA-256.
+
+        Raises TrainingError.
+        """
         file = io.BytesIO()
-        np.savez(file, **{name: getattr(self, name).astype(kind) for name, (kind, _) in FORM.items()})
+        np.savez(file, **{name: getattr(self, name) for name in FORM})
         write_files({path: file.getvalue()})
+        return hashlib.sha256(file.getvalue()).hexdigest()
 
 
-@dataclass
-class Repeated:
-    """A match that was played again.
+@dataclass(frozen=True)
+class Played:
+    """A match that was played, or played again.
 
     Attributes:
-        outcome: As `matches.play` returned it, without the digest of the recording.
+        outcome: Its numbers, see `outcome`.
+        moves: The content of its file.
         differing: Number of actions that differ from a saved policy's choice, but within rounding of it.
         drawn: Number of actions that saved policies chose.
-        doubtful: Choices of saved policies that another machine may round otherwise, see Games.
     """
 
     outcome: dict[str, Any]
+    moves: Moves
     differing: int
     drawn: int
-    doubtful: Array
 
 
-def shorten(game: TaskGame, pair: Sequence[Contender], games: int, path: Path) -> Games:
-    """Return the short form of a recorded match, and verify the match; see `repeat`."""
-    doubtful = repeat(game, pair, games, path).doubtful
-    return Games(np.array(_digests(path, FEW), np.uint32), doubtful)
+def digest(path: Path) -> str:
+    """Return the SHA-256 of a file, hexadecimal."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def repeat(game: TaskGame, pair: Sequence[Contender | None], games: int, path: Path) -> Repeated:
-    """Play a match again in new worlds, and compare with the choices of the policies.
+def play(
+    game: TaskGame,
+    policies: Sequence[Contender | None],
+    games: int,
+    given: Moves | None = None,
+    progress: Callable[[int], None] = lambda ended: None,
+) -> Played:
+    """Play a match, or play it again by its file.
 
-    From a recording, all actions are played; from short games, the choices of the policies, and the kept actions where
-    these may be rounded otherwise.
+    Args:
+        game: The game, in the worlds of its seed.
+        policies: One that meets itself; two; or three, of which the last plays the team-mates of the first, see Match.
+            None: a function of the user's, of a match that is played again.
+        games: Number of games, each in its own world: must be even, so that both play each side equally often.
+        given: The file of the match. Policies are asked what they would do, and take the kept actions where these may
+            be rounded otherwise.
+        progress: Called with the number of further games that have ended.
 
-    Raises RecordingError: the file holds another match, a tick differs, or a policy did not choose an action.
-
-    pair: Two policies, or one that met itself; None: an unknown one, possible with a recording only.
+    Raises:
+        RecordingError: A tick differs from the file, or a policy did not choose an action that is kept.
+        TrainingError: A policy cannot play the game.
     """
-    known = [policy for policy in pair if policy is not None]
-    short = Games.read(path) if path.suffix == SHORT else None
-    recording = None if short else _opened(path, game, pair, games)
-    with contextlib.ExitStack() as opened:
-        env = opened.enter_context(matches.worlds(game, known, games, recording))
-        again = Path(opened.enter_context(tempfile.TemporaryDirectory()), "again.rec")
-        played: Played
-        if short is not None:
-            there, played = short.digests.tolist(), _Doubtful(path, short.doubtful, env)
-        elif recording is not None:
-            ticks = opened.enter_context(contextlib.closing(recording.tick_records()))
-            there, played = _digests(path, BYTES), _recorded(path, ticks, env)
-        asked = [None if each is None else matches.asked(game, k, each, env) for k, each in enumerate(pair)]
-        policies = _Policies(asked, played, len(env.action_sizes))
-        with _compared(path, there, again, env, FEW if short else BYTES):
-            match = Match(env, policies.acts(), 1, game.seed)
-            policies.number = lambda: match.records + 1
-            found = match.play()
-    if isinstance(played, _Doubtful):
-        played.end()
-    return Repeated(matches.outcome(found), policies.differing, policies.drawn, np.concatenate(policies.doubtful))
+    with worlds(game, policies, games) as env:
+        seats = _Seats(env, given)
+        ticks = env.add_observer(lambda: _Ticks(env, given))
+        acts = [seats.act(game, role, policy) for role, policy in enumerate(policies)]
+        match = Match(env, acts, 1, game.seed)
+        seats.tick = lambda: match.records + 1
+        found = match.play(progress)
+        made = Moves(np.array(ticks.found, np.uint32), *seats.kept())
+    if given is not None and (len(given.digests) != len(made.digests) or seats.left):
+        raise RecordingError("its file holds ticks or actions that the games do not have")
+    return Played(outcome(found), made, seats.differing, seats.drawn)
 
 
-def _opened(path: Path, game: TaskGame, pair: Sequence[Contender | None], games: int) -> Recording:
-    """Open the recording of a match. Raises RecordingError if it is of another game."""
-    recording = Recording.open(path)
-    if recording.cut:
-        raise RecordingError(recording.cut)
-    if recording.num_worlds != games:
-        raise RecordingError(f"{path} has {recording.num_worlds} worlds: {games} are required, one for each game")
-    players = [policy.player for policy in pair if policy is not None and policy.player is not None]
-    own = common_scenario(game.scenario, players)
-    others = [difference(fingerprint(recording.scenario), fingerprint(each)) for each in [own, *forms(game.scenario)]]
-    if all(others[: None if None in pair else 1]):
-        raise RecordingError(f"{path} is of another game {others[0]}")
-    return recording
+def outcome(found: MatchResults) -> dict[str, Any]:
+    """Turn a match into numbers for JSON.
+
+    Returns "won", "drawn" and "lost": games of the first policy; "figures": its columns, see base.quantities, as [mean,
+    standard error]; None for what could not be measured. The error of a figure that was measured in one game only is 0.
+    """
+    pairing = Pairing((0, 1), found)
+    figures = dict[str, list[float] | None]()
+    for name, (mean, error) in pairing.estimates(0).items():
+        known = not np.isnan(mean)
+        figures[name] = [float(f"{each:.{DIGITS}g}") for each in (mean, np.nan_to_num(error))] if known else None
+    return dict(zip(("won", "drawn", "lost"), pairing.won_drawn_lost(), strict=True)) | {"figures": figures}
 
 
-class _Policies:
-    """Policies that repeat the played actions, compared with the choices of the known policies; see Repeated."""
+@contextlib.contextmanager
+def worlds(game: TaskGame, policies: Sequence[Contender | None], games: int) -> Iterator[SurvivalVectorEnv]:
+    """Yield the worlds of a match, with observations that fit all policies."""
+    if games % ROLES:
+        raise TrainingError(f"games = {games}: must be even, so that each policy plays each side equally often")
+    known = [policy for policy in policies if policy is not None]
+    evaluation = Evaluation(game.scenario, known, episodes=games, worlds=games, seed=game.seed)
+    try:
+        if game.given:
+            evaluation.env.set_numbers(game.numbers(games))
+        yield evaluation.env
+    finally:
+        evaluation.close()
 
-    def __init__(self, asked: Sequence[Asked | None], played: Played, actions: int) -> None:
-        self.asked, self.played, self.actions = asked, played, actions
-        self.differing = self.drawn = 0
-        self.doubtful = [np.zeros((0, PLACE + actions), np.int64)]
-        self.number: Callable[[], int] = lambda: 1  # the tick record of the next step
 
-    def acts(self) -> list[Act]:
-        """Return one function for each policy."""
-        return [self.played_by_unknown if asked is None else partial(self._act, *asked) for asked in self.asked]
+@dataclass
+class _Ticks:
+    """An observer that hashes every tick, and compares it with the file of the match. Raises RecordingError."""
 
-    def played_by_unknown(self, seen: dict[str, Array], indices: AgentIndices) -> Array:
-        return self.played(self.number(), indices, None)
+    env: SurvivalVectorEnv
+    given: Moves | None
+    found: list[int] = field(default_factory=list)
+    recording: bool = True
 
-    def _act(self, name: str, choose: Act, seen: dict[str, Array], indices: AgentIndices) -> Array:
-        """Check that actions are within rounding of the choices. Raises RecordingError.
+    def __post_init__(self) -> None:
+        self._digests, self._joint = Digests(self.env.worlds), JointActions(self.env.worlds)
+
+    def check(self, mode: Array) -> None:
+        """Allow every tick."""
+
+    def before(self, mode: Array) -> None:
+        """Note the actions."""
+        self._codes = self._joint.encode(self.env.worlds.actions)
+
+    def after(self, mode: Array) -> None:
+        """Hash the tick."""
+        number, state = len(self.found), self._digests.compute(len(self.found))
+        parts = (mode, "i1"), (self._codes, "<u4"), (state, "<u2")
+        joined = b"".join(np.ascontiguousarray(values, kind).tobytes() for values, kind in parts)
+        self.found.append(int.from_bytes(hashlib.blake2b(joined, digest_size=4).digest(), "little"))
+        if self.given is not None and self.given.digests[number : number + 1].tolist() != self.found[-1:]:
+            raise RecordingError(f"tick {number} is the first that differs when the match is played again")
+
+    def close(self) -> None:
+        """End the observation."""
+        self.recording = False
+
+
+class _Seats:
+    """The policies of a match: what they choose, and what is kept of it; see Moves.
+
+    left: Number of actions in the file that nobody has taken yet.
+    """
+
+    def __init__(self, env: SurvivalVectorEnv, given: Moves | None) -> None:
+        self.env, self.sizes = env, tuple(int(size) for size in env.action_sizes)
+        self.differing = self.drawn = self.left = 0
+        self.tick: Callable[[], int] = lambda: 1  # the number of the next step
+        self._doubtful = [np.zeros((0, PLACE + len(self.sizes)), np.int64)]
+        self._foreign = list[Array]()
+        self._given: dict[int, list[Array]] | None = None
+        if given is not None:
+            if given.doubtful.shape[1] != PLACE + len(self.sizes):
+                raise RecordingError("its file holds games with a different number of actions")
+            self._given, self._codes, self.left = {}, given.foreign, len(given.doubtful) + len(given.foreign)
+            for row in given.doubtful.astype(np.int64):
+                self._given.setdefault(int(row[0]), []).append(row)
+
+    def kept(self) -> tuple[Array, Array]:
+        """Return doubtful and foreign actions."""
+        codes = np.concatenate([np.zeros(0, np.int64), *self._foreign])
+        kind = np.min_scalar_type(np.prod(self.sizes, dtype=object) - 1)
+        return np.concatenate(self._doubtful).astype("<u4"), codes.astype(kind.newbyteorder("<"))
+
+    def act(self, game: TaskGame, role: int, policy: Contender | None) -> Act:
+        """Return the function that plays a policy in a role. Its random numbers depend on the game and the role."""
+        if policy is None:
+            return self._repeat
+        (seed,) = np.random.SeedSequence([game.seed, role]).generate_state(1, np.uint64) >> np.uint64(1)
+        foreign = policy.foreign
+        choose = policy.act(self.env, int(seed), keyed=True, slack=0.0 if foreign else ROUNDING)
+        return partial(self._note if foreign else self._choose, policy.text, choose)
+
+    def _note(self, name: str, choose: Act, seen: dict[str, Array], indices: AgentIndices) -> Array:
+        """Let a function of the user's play, and keep what it does."""
+        actions = choose(seen, indices)
+        self._foreign.append(np.ravel_multi_index(tuple(actions.T), self.sizes))
+        return actions
+
+    def _repeat(self, seen: dict[str, Array], indices: AgentIndices) -> Array:
+        """Return the kept actions of a function."""
+        codes, self._codes = np.split(self._codes, [len(indices[0])])
+        if len(codes) < len(indices[0]) or codes.max(initial=0) >= np.prod(self.sizes, dtype=object):
+            raise RecordingError(f"tick {self.tick()}: its file lacks actions of a function")
+        self._foreign.append(codes.astype(np.int64))
+        self.left -= len(codes)
+        return np.stack(np.unravel_index(codes, self.sizes), 1)
+
+    def _choose(self, name: str, choose: Act, seen: dict[str, Array], indices: AgentIndices) -> Array:
+        """Return the choices of a policy, or the kept actions, which must be within rounding of them.
 
         A saved policy has three choices, see Player.doubted; scripted styles do not round, and have a single one.
         """
-        choices = choose(seen, indices).reshape(len(indices[0]), -1, self.actions)
+        choices = choose(seen, indices).reshape(len(indices[0]), -1, len(self.sizes))
         first, choice, last = (choices[:, k] for k in (0, choices.shape[1] // 2, -1))
-        actions, number = self.played(self.number(), indices, choice), self.number()
+        actions, number = choice.copy(), self.tick()
+        for row in (self._given or {}).get(number, ()):
+            for k in np.flatnonzero((indices[0] == row[1]) & (indices[1] == row[2])):
+                actions[k], self.left = row[PLACE:], self.left - 1
         for k in np.flatnonzero(((actions < first) | (actions > last)).any(1)):
             where = f"in world {indices[0][k]}, tick {number}, agent {indices[1][k]}"
             raise RecordingError(f"{name} did not play this match: {where} it chooses {choice[k]}, not {actions[k]}")
@@ -176,80 +270,5 @@ class _Policies:
         self.drawn += len(actions) * (choices.shape[1] > 1)
         doubted = np.flatnonzero((first != last).any(1))
         place = np.full(len(doubted), number), indices[0][doubted], indices[1][doubted]
-        self.doubtful.append(np.column_stack([*place, actions[doubted]]))
+        self._doubtful.append(np.column_stack([*place, actions[doubted]]))
         return actions
-
-
-def _recorded(path: Path, ticks: Iterator[TickRecord], env: SurvivalVectorEnv) -> Played:
-    """Return the actions of a recording, as a function."""
-    joint, records, now = JointActions(env.worlds), enumerate(ticks), (-1, np.zeros(0))
-    lows = np.array([low for _, low, _ in joint.columns])[:, None, None]  # environments count from 0
-
-    def played(number: int, indices: AgentIndices, choice: Any) -> Array:
-        nonlocal now
-        while now[0] < number:
-            at, tick = next(records, (number, None))
-            if tick is None or (at == number and (tick.mode != STEP).any()):
-                raise RecordingError(f"{path}: tick {number} must be a step of all worlds, since the match is not over")
-            now = at, np.moveaxis(joint.decode(tick.codes) - lows, 0, -1) if at == number else now[1]
-        actions: Array = now[1][indices]
-        return actions
-
-    return played
-
-
-class _Doubtful:
-    """Choices of policies, except for the doubtful actions that are kept."""
-
-    def __init__(self, path: Path, doubtful: Array, env: SurvivalVectorEnv) -> None:
-        self.path, self.left, self._ticks = path, len(doubtful), dict[int, list[Array]]()
-        if doubtful.shape[1] != PLACE + len(env.action_sizes):
-            raise RecordingError(f"{path} holds games with a different number of actions")
-        for row in doubtful.astype(np.int64):
-            self._ticks.setdefault(int(row[0]), []).append(row)
-
-    def __call__(self, number: int, indices: AgentIndices, choice: Any) -> Array:
-        actions: Array = choice.copy()
-        for row in self._ticks.get(number, ()):
-            for k in np.flatnonzero((indices[0] == row[1]) & (indices[1] == row[2])):
-                actions[k], self.left = row[PLACE:], self.left - 1
-        return actions
-
-    def end(self) -> None:
-        """Check that every kept action was taken. Raises RecordingError."""
-        if self.left:
-            raise RecordingError(f"{self.path}: {self.left} of its actions belong to agents that do not act")
-
-
-@contextlib.contextmanager
-def _compared(path: Path, there: Sequence[int], again: Path, env: SurvivalVectorEnv, size: int) -> Iterator[None]:
-    """Record the body, and compare its ticks, also those before an invalid action.
-
-    Raises RecordingError if a tick differs. there: Digests. size: Bytes of each.
-    """
-    try:
-        with record(env, again):
-            yield
-    except RecordingError:
-        here = _digests(again, size)
-        _compare(path, there[: len(here)], here)
-        raise
-    _compare(path, there, _digests(again, size))
-
-
-def _compare(path: Path, there: Sequence[int], here: Sequence[int]) -> None:
-    """Raise RecordingError at the first tick that differs."""
-    for number, (one, other) in enumerate(zip_longest(there, here)):
-        if one != other:
-            raise RecordingError(f"{path}: tick {number} is the first that differs when the match is played again")
-
-
-def _digests(path: Path, size: int) -> list[int]:
-    """Return the digests of the ticks of a recording: `size` bytes of BLAKE2b of the tick record."""
-    found, code = [], "<u4" if size == FEW else "<u8"
-    with contextlib.closing(Recording.open(path).tick_records()) as ticks:
-        for tick in ticks:
-            parts = (tick.mode, "i1"), (tick.codes, code), (tick.keys, "<u8"), (tick.digest, "<u2")
-            joined = b"".join(np.ascontiguousarray(values, kind).tobytes() for values, kind in parts)
-            found.append(int.from_bytes(hashlib.blake2b(joined, digest_size=size).digest(), "little"))
-    return found

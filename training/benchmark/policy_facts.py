@@ -1,21 +1,25 @@
-"""Facts about a policy in a result, read from the policy's own file."""
+"""Facts about the policies of a result, read from their own files; and the trainings that the protocol prescribes."""
 
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from outlast.envs.rollout.lineup import parse_lineup
 from outlast.envs.rollout.saved import is_saved
 
 from ..base import policy_file
-from ..base.config import FAST, OPPONENTS, TrainingConfig, parse_warm_start
+from ..base.config import FAST, IMITATED, OPPONENTS, TrainingConfig, parse_warm_start
 from ..base.config import SELF as OWN
 from ..base.presets import preset
-from .matches import digest
-from .result import POLICY, Content
-from .suite import STYLES, suite
-from .tasks import Task, check_training_seed, response_steps
+from .agents import Agent
+from .games import digest
+from .result import Content
+from .suite import suite
+from .tasks import Task, check_training_seed
 
 STEPS = "steps"
+SAME = 0.5  # cosine of the weights of two policies: one run keeps 0.8 and more, two seeds have 0.02 at most
 
 
 def described(path: Path, task: Task) -> Content:
@@ -33,40 +37,65 @@ def described(path: Path, task: Task) -> Content:
     changed = plan.get("levels") or plan.get("anneal") or is_saved(teacher)
     of_task = not changed and not preset(header["preset"]).difference(header["scenario"], task.scenario)
     known = {Path(name).stem for name in (*_opponents(plan), teacher)}
-    met = [member.name for member in suite(task) if {member.name, f"{task.name}-{member.name}"} & known]
+    met = [name for name in suite(task).members if {name, f"{task.name}-{name}"} & known]
     return {"digest": digest(path), STEPS: header[STEPS], "of_task": of_task, "met": met}
 
 
-def response_config(task: Task, seed: int, budget: int, policy: Path, threads: int = 0) -> TrainingConfig:
-    """Return the config for training a best response.
+def agent_config(task: Task, agent: Agent, seed: int, budget: int, checkpoints: int, threads: int) -> TrainingConfig:
+    """Return the config of the training of an agent, with a checkpoint after each share of it. Raises TrainingError."""
+    more: dict[str, Any] = {"threads": threads, "every": -(-budget // checkpoints)} | agent.options
+    return TrainingConfig(task.scenario, agent.source, budget, seed, **more)
 
-    Raises TrainingError if such a training is impossible.
 
-    policy: File of the policy to beat.
+def response_config(task: Task, seed: int, kind: str, steps: int, policy: Path, threads: int = 0) -> TrainingConfig:
+    """Return the config for training a best response to a policy. Raises TrainingError if that is impossible.
+
+    It begins with random weights ("scratch"), or with the policy's own ("self"), which is imitated if its file lacks
+    the critic, or its networks or memory are not those of preset fast.
     """
+    warm = ""
+    if kind == "self":
+        header, policies = policy_file.read(policy)
+        same = header["preset"] == FAST and not header["memory"] and not header["state"] and not header.get("networks")
+        critic = len(policies) == 1 and any(name.startswith(policy_file.CRITIC) for name in policies[0])
+        warm = str(policy) if same and critic else f"{policy}:{IMITATED}"
     opponents = {str(policy): 1.0}
-    return TrainingConfig(task.scenario, FAST, response_steps(budget), seed, threads=threads, opponents=opponents)
+    more: dict[str, Any] = {"opponents": opponents, "warm_start": warm, "threads": threads, "every": 5_000_000}
+    return TrainingConfig(task.scenario, FAST, steps, seed, **more)
 
 
-def wrong_with_response(path: Path, task: Task, seed: int, budget: int) -> str:
-    """Return the difference of a file's training from that of a best response to a policy; "" if there is none.
+def wrong_with_training(path: Path, config: TrainingConfig, least: int, own: str = "") -> str:
+    """Return the difference of a file's training from what the protocol prescribes; "" if there is none.
 
-    seed: Seed of the entry. budget: Budget of the entry. Raises TrainingError: the file is not a policy.
+    config: The config of that training. least: Its agent-steps at least. own: The name of the policy's file that a best
+    response was trained against; "": any opponents. Raises TrainingError: the file is not a policy.
     """
     header = policy_file.read_header(path, ("plan", "preset", "scenario", STEPS))
-    plan, wanted = header["plan"], response_config(task, seed, budget, Path(POLICY)).header()["plan"]
-    if [Path(name).name for name in _opponents(plan)] != [POLICY]:
-        return f"{path.name} was not trained against {POLICY}, but {plan.get('opponents') or OWN}"
-    wanted = {key: value for key, value in wanted.items() if key != "threads"}  # they depend on the machine
+    plan, wanted = dict(header["plan"]), dict(config.header()["plan"])
+    for each in (plan, wanted):  # places and machines differ; a longer run has the same checkpoints
+        for key in ("threads", "every", "device", "processes", "steps", "asked"):
+            each.pop(key, None)
+        for key in ("opponents", "warm_start") if own else ():
+            each[key] = str(each.get(key, "")).replace(str(Path(own).parent), "").rpartition("/")[2]
     given = {key: plan.get(key, value) for key, value in wanted.items()}  # earlier files lack some
-    given |= {"game": not preset(header["preset"]).difference(header["scenario"], task.scenario), "opponents": ""}
-    for key, value in (wanted | {"game": True, "opponents": ""}).items():
+    given["game"] = not preset(header["preset"]).difference(header["scenario"], config.scenario)
+    for key, value in (wanted | {"game": True}).items():
         if given[key] != value:
-            return f"{path.name} was not trained as best responses are: {key} is {given[key]}, not {value}"
-    if header[STEPS] < wanted[STEPS]:
-        return f"{path.name} was trained for {header[STEPS]:,} agent-steps, not for {wanted[STEPS]:,}"
-    return ""
+            return f"{path.name} was not trained as the protocol says: {key} is {given[key]}, not {value}"
+    return "" if header[STEPS] >= least else f"{path.name} has {header[STEPS]:,} agent-steps: {least:,} are needed"
+
+
+def likeness(one: Path, other: Path) -> float:
+    """Return the cosine of the weights of two policies; 0 if their networks differ. Raises TrainingError."""
+    first, second = (
+        {f"{k}.{name}": values for k, own in enumerate(policy_file.read(path)[1]) for name, values in own.items()}
+        for path in (one, other)
+    )
+    if {name: values.shape for name, values in first.items()} != {name: each.shape for name, each in second.items()}:
+        return 0.0
+    a, b = (np.concatenate([each[name].ravel() for name in first]).astype(np.float64) for each in (first, second))
+    return float(a @ b / np.sqrt((a @ a) * (b @ b)).clip(1e-30))
 
 
 def _opponents(plan: dict[str, Any]) -> dict[str, float]:
-    return parse_lineup(plan.get("opponents") or OWN, (*OPPONENTS, *STYLES))
+    return parse_lineup(plan.get("opponents") or OWN, OPPONENTS)

@@ -4,35 +4,66 @@ import json
 import math
 import platform
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from outlast.ecs.kernels.available import available_cores
-from outlast.envs.scenarios.fingerprint import fingerprint, is_fingerprint, is_word
+from outlast.envs.scenarios.fingerprint import is_word
 from outlast.envs.storage import strict_json
-from outlast.envs.storage.limited_read import read_bytes, read_xz
+from outlast.envs.storage.limited_read import read_bytes
 from outlast.systems import box2d
 
+from ..base import policy_file
 from ..base.errors import TrainingError
 from ..base.files import write_files
-from .tasks import PROTOCOL, Task
+from .tasks import PROTOCOL
 
-NAME, POLICY, RESPONSE = "result.json", "policy.safetensors", "response.safetensors"
-SELF = "self"  # the opponent in matches against itself
-BEST = "response"  # the opponent in matches against the best response
+NAME = "result.json"
+SELF = "self"  # in matches: the agent itself, as its own opponent or team-mate
+AGENT = "agent:"  # begins the name of another agent of the manifest, as an opponent
+KINDS = ("scratch", "self")  # best responses that begin with random weights, or with those of the agent
 LONGEST = 2**24  # maximum bytes of a JSON file
-AGENT = re.compile(r"\w[\w.+-]{0,60}")  # a part of the names of files
+NAMES = re.compile(r"\w[\w.+-]{0,60}")  # of agents: a part of the names of files
 DIGEST = re.compile(r"[0-9a-f]{64}")
 PACKAGES = ("outlast", "numpy", "numba", "Box2D", "torch")
+NUMBERS = ("won", "drawn", "lost")
 Content = dict[str, Any]
+
+
+class Pairing(NamedTuple):
+    """The players of a match: the agent, with `mate` in the places of its team-mates, against `against`, in a game.
+
+    candidate: Number of the agent's checkpoint; -1: the one that was chosen.
+    """
+
+    game: str
+    against: str
+    mate: str = SELF
+    candidate: int = -1
+
+    @classmethod
+    def of(cls, match: Content) -> "Pairing":
+        """Return the pairing of a match of a result."""
+        return cls(match["game"], match["against"], match["mate"], match["candidate"])
+
+    def __str__(self) -> str:
+        who = f"candidate {self.candidate}, " if self.candidate >= 0 else ""
+        beside = f" beside {self.mate}" if self.mate != SELF else ""
+        return f"{who}{self.game} against {self.against}{beside}"
+
+    @property
+    def file(self) -> str:
+        """The name of its file, in the folder of its result."""
+        parts = [self.game, self.against, *([self.mate] if self.mate != SELF else [])]
+        return re.sub(r"[^\w.+-]+", "-", "-".join(parts + [str(self.candidate)] * (self.candidate >= 0))) + ".npz"
 
 
 @dataclass(frozen=True)
 class Result:
-    """A result in its folder, RESULTS/BUDGET/TASK/AGENT/SEED, together with its policies and recordings.
+    """A result in its folder, RESULTS/AGENT/TASK/SEED, together with its policies and the files of its matches.
 
     folder: The folder of result.json. content: The content of result.json.
     """
@@ -42,53 +73,40 @@ class Result:
 
     @property
     def name(self) -> str:
-        """The name in messages and tables: "fast/0"."""
-        return f"{self.content['agent']}/{self.content['seed']}"
+        """The name in messages: "fast ffa_2-v2 0"."""
+        return "{agent} {task} {seed}".format(**self.content)
 
     @property
-    def task_folder(self) -> Path:
-        """The folder of its task, with the other entries; absolute, as `folder` may be relative."""
-        return self.folder.resolve().parents[1]
-
-    @property
-    def matches(self) -> list[Content]:
+    def matches(self) -> dict[Pairing, Content]:
         """The matches that were played."""
-        found: list[Content] = self.content["matches"]
-        return found
+        return {Pairing.of(match): match for match in self.content["matches"]}
 
-    @property
-    def against(self) -> dict[tuple[str, str], Content]:
-        """The matches by game and opponent."""
-        return {(match["game"], match["against"]): match for match in self.matches}
+    def policy(self, candidate: int = -1) -> Path:
+        """Return the file of its policy, or of a candidate; it does not exist for a function."""
+        return self.folder / f"{'policy' if candidate < 0 else f'candidate-{candidate}'}{policy_file.SUFFIX}"
 
-    @property
-    def policy(self) -> Path:
-        """The file of its policy; it does not exist for a function."""
-        return self.folder / POLICY
-
-    def recording(self, match: Content) -> Path:
-        """Return the file in which a match is recorded."""
-        return self.folder / recording_name(match["game"], match["against"])
+    def response(self, name: str) -> Path:
+        """Return the file of a best response, "scratch 5000000"."""
+        return self.folder / f"response-{name.replace(' ', '-')}{policy_file.SUFFIX}"
 
     def write(self) -> None:
         """Write it, completely or not at all. Raises TrainingError."""
         write_json(self.folder / NAME, self.content)
 
 
-def recording_name(game: str, against: str) -> str:
-    """Return the name of the recording of a match, in the folder of a result."""
-    return re.sub(r"[^\w.+-]+", "-", f"{game}-{against}") + ".rec"
+def share(match: Mapping[str, int]) -> float:
+    """Return the share of games that the agent won; a draw counts half."""
+    return float((match["won"] + match["drawn"] / 2) / sum(match[name] for name in NUMBERS))
 
 
-def begun(task: Task, **entry: Any) -> Content:
-    """Return the result of an entry without any work. entry: Agent, source, options, seed, budget and games."""
-    games = {game.name: fingerprint(game.scenario) for game in task.games}
-    empty: Content = {"policy": None, "response": None, "matches": [], "seconds": {}}
-    return {"version": PROTOCOL, "task": task.name, **entry, "fingerprints": games, **empty, "made": made()}
+def begun(manifest: str, agent: str, task: str, seed: int) -> Content:
+    """Return the result of an entry without any work. manifest: Its digest."""
+    named = {"version": PROTOCOL, "manifest": manifest, "agent": agent, "task": task, "seed": seed, "made": made()}
+    return named | {"candidates": [], "policy": None, "responses": {}, "matches": [], "situations": None, "seconds": {}}
 
 
 def made() -> Content:
-    """Return the origin of a result: versions, and the machine."""
+    """Return the origin of a file: versions, and the machine."""
     versions = {name: _version(name) for name in PACKAGES}
     machine = f"{platform.system()} {platform.machine()}"
     return {"python": platform.python_version(), **versions, "machine": machine, "cores": available_cores()}
@@ -104,11 +122,11 @@ def write_json(path: Path, content: Any) -> None:
 def read_json(path: Path, wrong: Callable[[Any], str]) -> Content:
     """Read the content of a JSON file.
 
-    path: The file; with the ending .xz, it is compressed. wrong: Returns the fault in the content; "" if valid. Raises
-    TrainingError: the file cannot be read, or its content is invalid.
+    path: The file. wrong: Returns the fault in the content; "" if valid. Raises TrainingError: the file cannot be read,
+    or its content is invalid.
     """
     try:
-        content = json.loads((read_xz if path.suffix == ".xz" else read_bytes)(path, LONGEST))
+        content = json.loads(read_bytes(path, LONGEST))
         fault = wrong(content)
     except OSError as error:
         raise TrainingError(f"{path} cannot be read: {error.strerror}") from error
@@ -124,77 +142,71 @@ def read(path: Path) -> Result:
     return Result(path.parent, read_json(path, wrong_with_result))
 
 
-def wrong_with_result(content: Content) -> str:
-    """Return the fault in the content of a result; "" if it is valid. Raises KeyError or similar for a missing part."""
+def wrong_with_parts(content: Content, valid: dict[str, Callable[[Any], bool]]) -> str:
+    """Return the fault in the version or another part; "" if all are valid. Raises KeyError for a missing part."""
     if content["version"] != PROTOCOL:
         return f"version {content['version']!r:.20}: must be {PROTOCOL}"
+    wrong = [key for key, is_valid in valid.items() if not is_valid(content[key])]
+    return f"its {wrong[0]} cannot be {content[wrong[0]]!r:.80}" if wrong else ""
+
+
+def wrong_with_result(content: Content) -> str:
+    """Return the fault in the content of a result; "" if it is valid. Raises KeyError or similar for a missing part."""
     valid: dict[str, Callable[[Any], bool]] = {
+        "manifest": is_digest,
+        "agent": is_name,
         "task": is_word,
-        "agent": lambda given: isinstance(given, str) and AGENT.fullmatch(given) is not None,
-        "source": is_word,
-        "options": lambda given: isinstance(given, dict) and all(map(is_word, given)),
-        "seed": _is_count,
-        "budget": _is_count,
-        "games": _is_count,
-        "fingerprints": lambda given: all(map(is_word, given)) and all(map(is_fingerprint, given.values())),
-        "policy": _is_policy,
-        "response": _is_policy,
+        "seed": is_count,
+        "candidates": lambda given: isinstance(given, list) and all(map(_is_policy, given)),
+        "policy": lambda given: given is None or _is_policy(given),
+        "responses": lambda given: all(map(is_word, given)) and all(map(_is_policy, given.values())),
         "matches": lambda given: isinstance(given, list) and len(given) < 10_000,
+        "situations": lambda given: given is None or (all(map(is_word, given)) and are_finite(given.values())),
         "seconds": lambda given: all(map(is_word, given)) and are_finite(given.values()),
         "made": lambda given: all(is_word(key) and is_word(str(value)) for key, value in given.items()),
     }
-    wrong = [key for key, is_valid in valid.items() if not is_valid(content[key])]
-    if wrong:
-        return f"its {wrong[0]} cannot be {content[wrong[0]]!r:.80}"
-    if content["matches"] and content["policy"] is None:
-        return "it has matches, but no policy that played them"
-    faults = (
-        f"{match['against']!r:.60}: {fault}" for match in content["matches"] if (fault := wrong_with_match(match))
-    )
-    if fault := next(faults, "") or match_twice(content["matches"], ("game", "against")):
+    if fault := wrong_with_parts(content, valid):
         return fault
-    other = [match["games"] for match in content["matches"] if match["games"] != content["games"]]
-    return f"a match of {other[0]} games: must be {content['games']}" if other else ""
-
-
-def match_twice(matches: Iterable[Content], names: tuple[str, str]) -> str:
-    """Return the first match that occurs twice; empty if none does. names: The keys that identify matches."""
-    seen = set[tuple[str, str]]()
-    for match in matches:
-        if (key := (match[names[0]], match[names[1]])) in seen:
-            return f"the match of {key[0]} and {key[1]} occurs twice"
-        seen.add(key)
+    pairings = [Pairing.of(match) for match in content["matches"]]
+    if len(set(pairings)) < len(pairings):
+        return "a match occurs twice"
+    for pairing, match in zip(pairings, content["matches"], strict=True):
+        if not all(is_word(name) for name in pairing[:3]) or type(pairing.candidate) is not int:
+            return "invalid names of a match"
+        if fault := _wrong_with_match(match):
+            return f"{pairing}: {fault}"
     return ""
 
 
-def wrong_with_match(match: Content, names: tuple[str, ...] = ("game", "against")) -> str:
-    """Return the fault in a match; empty if it is valid. names: The keys of its names."""
-    if not all(is_word(match[name]) for name in names):
-        return "invalid names"
-    if not all(_is_count(match[name]) for name in ("games", "won", "drawn", "lost")):
+def _wrong_with_match(match: Content) -> str:
+    if not all(is_count(match[name]) for name in NUMBERS) or not sum(match[name] for name in NUMBERS):
         return "invalid numbers of games"
-    if match["won"] + match["drawn"] + match["lost"] != match["games"] or not match["games"]:
-        return "games won, drawn and lost do not add up to all games"
-    if DIGEST.fullmatch(match["recording"]) is None or DIGEST.fullmatch(match["opponent"] or "0" * 64) is None:
+    if not is_digest(match["moves"]) or not (match["opponent"] == "" or is_digest(match["opponent"])):
         return "invalid digests"
-    pairs = [pair for figures in match["figures"] for pair in figures.values()]
-    names_of_figures = [name for figures in match["figures"] for name in figures]
-    sound = all(isinstance(pair, list) and len(pair) == 2 and are_finite(pair) for pair in pairs)
-    if len(match["figures"]) != 2 or not all(map(is_word, names_of_figures)) or not sound:
-        return "invalid figures"
-    return ""
+    figures = match["figures"]
+    known = [pair for pair in figures.values() if pair is not None]
+    sound = all(isinstance(pair, list) and len(pair) == 2 and are_finite(pair) for pair in known)
+    return "" if all(map(is_word, figures)) and sound else "invalid figures"
 
 
 def _is_policy(given: Any) -> bool:
-    if given is None:
-        return True
     steps, of_task = given["steps"], given["of_task"]
-    trained = isinstance(of_task, bool) and (_is_count(steps) or (steps is None and not of_task))
-    named = DIGEST.fullmatch(given["digest"]) is not None and is_word(given.get("file", POLICY))
-    return named and trained and all(map(is_word, given["met"]))
+    trained = isinstance(of_task, bool) and (is_count(steps) or (steps is None and not of_task))
+    return is_digest(given["digest"]) and trained and all(map(is_word, given["met"]))
 
 
-def _is_count(given: Any) -> bool:
+def is_digest(given: Any) -> bool:
+    """Return whether it is a SHA-256, hexadecimal."""
+    return isinstance(given, str) and DIGEST.fullmatch(given) is not None
+
+
+def is_name(given: Any) -> bool:
+    """Return whether it can be the name of an agent."""
+    return isinstance(given, str) and NAMES.fullmatch(given) is not None
+
+
+def is_count(given: Any) -> bool:
+    """Return whether it is an integer >= 0 of 63 bits."""
     return type(given) is int and 0 <= given < 2**63
 
 

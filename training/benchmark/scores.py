@@ -1,12 +1,10 @@
 """Scores: all values in the tables of agents, from results alone; the same results give the same bytes.
 
-The score of an entry is its mean win rate against the suite, where a draw counts half and every opponent counts the
-same; in tasks of generalisation, it is the win rate in the games outside of training. In every task it is from 0 to 1,
-so that tasks can be compared.
+A value is a dict with a "status", and with "mean", "low", "high" (95 % bootstrap interval over seeds) and "seeds" if
+something was measured. What was not measured has no number, and never counts as 0.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,75 +12,245 @@ import numpy as np
 from ..arena.ratings import anchored
 from ..base import statistics
 from ..base.errors import TrainingError
-from . import crossplay
-from .kept import TRAINED, find
-from .result import BEST, SELF, Content, Result
-from .suite import missing, other_games, suite
-from .tasks import PROTOCOL, Task, task_of, track_of
+from .manifest import Manifest
+from .result import AGENT, NUMBERS, SELF, Content, Pairing, Result, share
+from .suite import suite
+from .tasks import PROTOCOL, TRAINED, Task
 
 NAME = "scores.json"
 DIGITS = 6  # significant digits of computed values
+LEAST = 5  # seeds of a rating, and of a verdict
 THRESHOLDS = np.linspace(0, 1, 101)  # of the performance profile
 OWN_FIGURES = (
     *("length", "kills", "damage_dealt", "deaths_melee", "deaths_zone", "strikes", "strikes_landed", "heals_used"),
     *("heals_in_need", "heals_given", "boxes_placed", "boxes_between", "enemy_distance", "mate_distance"),
+    *("ticks_seen", "locks0", "locks1", "held0", "held1"),
 )  # of self-play; not the return, which is nearly constant in zero-sum games
+# statuses: with all planned seeds, LEAST or more, or fewer; with some of them; with none of them
+MEASURED, FEW, PARTLY, MISSING = "measured", "few seeds", "incomplete", "missing"
+UNPLANNED, IMPOSSIBLE, NEVER = "not planned", "not possible", "no occasion"
 Scores = dict[str, Any]
-Values = list[float]  # one for each seed
+Value = dict[str, Any]
 
 
-def by_budget(places: Path) -> dict[int, list[Result]]:
-    """Return the results in a folder, by budget. Raises TrainingError."""
-    found: dict[int, list[Result]] = {}
-    for entry in find(places):
-        _check_place(entry)
-        found.setdefault(entry.content["budget"], []).append(entry)
-    return dict(sorted(found.items()))
+def scores(manifests: Sequence[Manifest]) -> Scores:
+    """Return all scores of the results of these manifests, by budget. Raises TrainingError.
+
+    Agents of several manifests are compared over tasks where their budgets and numbers of games are equal. An agent of
+    two manifests must have another task in each.
+    """
+    budgets: dict[str, Scores] = {}
+    for manifest in manifests:
+        content = manifest.content
+        own = budgets.setdefault(str(content["budget"]), {"games": content["games"], "tasks": {}, "pairs": []})
+        if own["games"] != content["games"]:
+            raise TrainingError(f"tests of {own['games']} and {content['games']} games cannot be compared: score apart")
+        own["track"] = manifest.track
+        for task in manifest.tasks:
+            of_task = own["tasks"].setdefault(task.name, {})
+            for name in manifest.agents:
+                if name in of_task:
+                    raise TrainingError(f"{name} has results in {task.name} twice: one of them in {manifest.folder}")
+                of_task[name] = _agent(manifest, name, task)
+        own["pairs"] += _pairs(manifest, own["tasks"])
+    for own in budgets.values():
+        own |= _over_tasks(own["tasks"])
+    return {"version": PROTOCOL, "manifests": [each.digest for each in manifests], "budgets": budgets}
 
 
-def task_folders(entries: Sequence[Result]) -> dict[Path, list[Result]]:
-    """Return the results by the folder of their task."""
-    found: dict[Path, list[Result]] = {}
-    for entry in entries:
-        found.setdefault(entry.task_folder, []).append(entry)
+def _agent(manifest: Manifest, name: str, task: Task) -> Scores:
+    """Return the scores of an agent in a task."""
+    agent, known, seeds = manifest.agents[name], suite(task), manifest.content["seeds"]
+    results = {seed: manifest.result(name, task, seed) for seed in seeds}
+    for found in results.values():
+        check_planned(manifest, found, task)
+    played = {seed: found.matches for seed, found in results.items()}
+
+    def value(pairings: Iterable[Pairing], absent: str = MISSING) -> Value:
+        """Return the mean share of games won in several matches."""
+        each, of_seed = [*pairings], dict[int, float | None]()
+        for seed, own in played.items():
+            shares = [share(own[pairing]) for pairing in each if pairing in own]
+            of_seed[seed] = float(np.mean(shares)) if each and len(shares) == len(each) else None
+        return over_seeds(of_seed, absent)
+
+    games = {game.name: value(Pairing(game.name, other) for other in known.members) for game in task.tests}
+    outside = [game.name for game in task.tests if game.name != TRAINED] or [TRAINED]
+    curve = [
+        {"steps": _steps(results.values(), k)}
+        | value((own for own in manifest.validations(agent, task) if own.candidate == k), UNPLANNED)
+        for k in range(manifest.candidates(agent))
+    ]
+    first = results[seeds[0]].content["situations"] or {}
+    policies = [found.content["policy"] for found in results.values() if found.content["policy"]]
+    return {
+        "seeds": [seed for seed in seeds if results[seed].content["policy"]],
+        "steps": [policy["steps"] for policy in policies],
+        "of_task": bool(policies) and all(_is_of_track(policy, manifest.content["budget"]) for policy in policies),
+        "met": sorted({name for policy in policies for name in policy["met"]}),
+        "score": value(Pairing(game, other) for game in outside for other in known.members),
+        "games": games,
+        "suite": {other: value([Pairing(TRAINED, other)]) for other in known.members},
+        "mates": {
+            mate: value(Pairing(TRAINED, other, mate) for other in known.mates)
+            for mate in ((SELF, *known.mates) if task.mates else ())
+        },  # against the same opponents
+        "curve": curve,
+        "rating": _rating(played, task),
+        "exploitability": _exploitability(manifest, name, value),
+        "self_play": {figure: _figure(played, figure) for figure in OWN_FIGURES},
+        "situations": {scene: float(passed) for scene, passed in sorted(first.items())},
+        "seconds": _seconds(results.values()),
+    }
+
+
+def over_seeds(values: Mapping[int, float | None], absent: str = MISSING) -> Value:
+    """Return a value from those of planned seeds; None: not there. absent: The status if none is there."""
+    known = {seed: value for seed, value in values.items() if value is not None}
+    if not known:
+        return {"status": absent}
+    each = [*known.values()]
+    status = PARTLY if len(known) < len(values) else FEW if len(known) < LEAST else MEASURED
+    low, high = statistics.interval(each) or (None, None)
+    ends = {} if low is None else {"low": rounded(low), "high": rounded(high)}
+    return {"status": status, "mean": rounded(np.mean(each)), **ends, "seeds": rounded(each)}
+
+
+def check_planned(manifest: Manifest, found: Result, task: Task) -> None:
+    """Raise TrainingError for matches that were not planned: nobody may choose among several plans afterwards."""
+    agent, seed = manifest.agents[found.content["agent"]], found.content["seed"]
+    planned = manifest.planned(agent, task, seed)
+    if more := [pairing for pairing in found.matches if pairing not in planned]:
+        raise TrainingError(f"{found.name}: {more[0]} is not in the manifest")
+    for pairing, match in found.matches.items():
+        games = sum(match[name] for name in NUMBERS)
+        if games != manifest.games(pairing):
+            raise TrainingError(f"{found.name}: {pairing} has {games} games, and {manifest.games(pairing)} are planned")
+
+
+def _steps(results: Iterable[Result], number: int) -> int | None:
+    """Return the largest number of agent-steps of a candidate over seeds; None: unknown."""
+    found = [own.content["candidates"][number]["steps"] for own in results if len(own.content["candidates"]) > number]
+    return max(found, default=None)
+
+
+def _is_of_track(policy: Content, budget: int) -> bool:
+    """Return whether a policy was trained in the game of the task, and no longer than the budget, by its own file.
+
+    Only complete rollouts are collected, so it may be a little longer.
+    """
+    return bool(policy["of_task"] and policy["steps"] <= 1.01 * budget + 2**16)
+
+
+def _rating(played: Mapping[int, Mapping[Pairing, Content]], task: Task) -> Value:
+    """Return the rating on the fixed scale of the suite, and its errors over games by seed. It needs LEAST seeds."""
+    rated = {name: member.rating for name, member in suite(task).members.items() if member.rating is not None}
+    wanted = [Pairing(TRAINED, name) for name in rated]
+    full = [seed for seed, own in played.items() if all(pairing in own for pairing in wanted)]
+    if not rated or not full:
+        return {"status": MISSING if rated else UNPLANNED}
+    wins, draws, losses = (
+        np.array([[played[seed][pairing][key] for pairing in wanted] for seed in full], np.float64) for key in NUMBERS
+    )
+    ratings, errors = anchored(wins, draws, losses, np.array([*rated.values()]))
+    of_seed: dict[int, float | None] = dict.fromkeys(played) | dict(zip(full, ratings.tolist(), strict=True))
+    value = over_seeds(of_seed) | {"errors": rounded(errors)}
+    if value["status"] != MEASURED:
+        value = {key: each for key, each in value.items() if key not in ("mean", "low", "high")}
+    return value
+
+
+def _exploitability(manifest: Manifest, name: str, value: Callable[..., Value]) -> dict[str, Value]:
+    """Return the shares of games that best responses win, by their names."""
+    agent, first = manifest.agents[name], manifest.content["seeds"][0]
+    if agent.function:
+        return {"best response": {"status": IMPOSSIBLE}}
+    planned = manifest.responses(agent, first)
+    found = {response: value([Pairing(TRAINED, response)]) for response in planned}
+    lost = {name: over_seeds({first: 1 - own["seeds"][0]}) if "seeds" in own else own for name, own in found.items()}
+    return lost or {"best response": {"status": UNPLANNED}}
+
+
+def _figure(played: Mapping[int, Mapping[Pairing, Content]], name: str) -> Value:
+    """Return a figure of games against itself; NEVER if there was no occasion to measure it in any seed."""
+    matches = {seed: own.get(Pairing(TRAINED, SELF)) for seed, own in played.items()}
+    pairs = {seed: match["figures"].get(name) if match else None for seed, match in matches.items()}
+    values = {seed: pair[0] if pair else None for seed, pair in pairs.items()}
+    return over_seeds(values, NEVER if any(matches.values()) else MISSING)
+
+
+def _seconds(results: Iterable[Result]) -> Scores:
+    """Return the seconds of a seed by the kind of work, means over seeds: CPU and wall clock."""
+    each = [found.content["seconds"] for found in results if found.content["seconds"]]
+    names = sorted({name for own in each for name in own})
+    return {name: rounded(np.mean([own.get(name, 0) for own in each])) for name in names}
+
+
+def _pairs(manifest: Manifest, tasks: Mapping[str, Scores]) -> list[Scores]:
+    """Return the planned comparisons, as one family: the level of each interval is 95 % for all of them together.
+
+    "difference" is that of the scores, a mean over tasks; "direct" the share of games that the first won against the
+    second. "verdict" says whether the difference is certainly larger than the effect of the manifest, or smaller.
+    """
+    found, effect = [], manifest.content["effect"]
+    level = 1 - (1 - statistics.LEVEL) / max(1, len(manifest.content["pairs"]))
+    for one, other in manifest.content["pairs"]:
+        names = [task.name for task in manifest.tasks]
+        each = [{name: tasks[name][agent]["score"].get("seeds", []) for name in names} for agent in (one, other)]
+        fewest = min(len(values) for own in each for values in own.values())
+        entry: Scores = {"one": one, "other": other, "effect": effect, "direct": _direct(manifest, one, other)}
+        if fewest < 2:
+            found.append(entry | {"difference": {"status": FEW if fewest else MISSING}, "verdict": "open"})
+            continue
+        value, low, high = statistics.stratified_bootstrap(
+            lambda a, b: statistics.mean(a) - statistics.mean(b), *each, level=level
+        )
+        improvement = statistics.probability_of_improvement(*each)
+        verdict = (
+            "more" if low > effect else "less" if high < -effect else "equal" if max(-low, high) < effect else "open"
+        )
+        status = MEASURED if fewest >= LEAST else FEW
+        difference = {"status": status, "mean": rounded(value), "low": rounded(low), "high": rounded(high)}
+        found.append(
+            entry
+            | {"difference": difference, "improvement": rounded(improvement)}
+            | {"verdict": verdict if status == MEASURED else "open"}
+        )
     return found
 
 
-def scores(places: Path) -> Scores:
-    """Return all scores of the results in a folder, by budget. Raises TrainingError."""
-    budgets = {str(budget): _budget(budget, entries) for budget, entries in by_budget(places).items()}
-    return {"version": PROTOCOL, "budgets": budgets}
+def _direct(manifest: Manifest, one: str, other: str) -> Value:
+    """Return the share of games that one agent won against another one, a mean over tasks."""
+    values = dict[int, float | None]()
+    for seed in manifest.content["seeds"]:
+        pairing, each = Pairing(TRAINED, AGENT + other), list[float]()
+        for task in manifest.tasks:
+            match = manifest.result(one, task, seed).matches.get(pairing)
+            rival = manifest.result(other, task, seed).content["policy"]
+            if match is not None and rival is not None and match["opponent"] == rival["digest"]:
+                each.append(share(match))
+        values[seed] = float(np.mean(each)) if len(each) == len(manifest.tasks) else None
+    return over_seeds(values)
 
 
-def _budget(budget: int, entries: Sequence[Result]) -> Scores:
-    """Return the scores of entries of one budget: of each task, and over tasks that several agents have played."""
-    folders = task_folders(entries)
-    first = dict[str, Path]()
-    for folder in folders:
-        if (other := first.setdefault(folder.name, folder)) != folder:
-            raise TrainingError(f"{other} and {folder} both hold results of {folder.name}: move them into one folder")
-    tasks = {folder.name: _task(folder, own) for folder, own in sorted(folders.items())}
-    played: dict[str, dict[str, Values]] = {}
-    for name, task in tasks.items():
-        for agent, found in task["agents"].items():
-            played.setdefault(agent, {})[name] = found["score"]["seeds"]
-    agents, (compared, common) = sorted(played), _compared(played)
-    each = {agent: {name: played[agent][name] for name in common} for agent in compared if common}
-    found = sorted({entry.content["games"] for entry in entries})
-    if len(found) > 1:
-        raise TrainingError(
-            f"matches of {' and '.join(map(str, found))} games cannot be compared: score them one by one"
-        )
-    (games,) = found
+def _over_tasks(tasks: Mapping[str, Scores]) -> Scores:
+    """Return interquartile means and performance profiles over tasks that several agents have played."""
+    played = dict[str, dict[str, list[float]]]()
+    for name, of_task in tasks.items():
+        for agent, found in of_task.items():
+            if "seeds" in found["score"]:
+                played.setdefault(agent, {})[name] = found["score"]["seeds"]
+    agents, common = _compared(played) if played else ([], [])
+    each = {agent: {name: played[agent][name] for name in common} for agent in agents if common}
+    profile = {
+        agent: _estimate(lambda given: statistics.performance_profile(given, THRESHOLDS), own)
+        for agent, own in each.items()
+    }
     return {
-        "track": track_of(budget, games),
-        "games": games,
-        "tasks": tasks,
-        "compared": compared,
+        "compared": agents,
         "common": common,
         "iqm": {agent: _estimate(statistics.iqm, own) for agent, own in each.items()},
-        "improvement": {one: {other: _improvement(played[one], played[other]) for other in agents} for one in agents},
-        "profile": {"thresholds": _rounded(THRESHOLDS), **{agent: _profile(own) for agent, own in each.items()}},
+        "profile": {"thresholds": rounded(THRESHOLDS), **profile},
     }
 
 
@@ -102,172 +270,35 @@ def _compared(played: Mapping[str, Iterable[str]]) -> tuple[list[str], list[str]
     return max(able, key=lambda each: (len(each[0]) * len(each[1]), len(each[0]), each[1]))
 
 
-def _improvement(one: Mapping[str, Values], other: Mapping[str, Values]) -> Scores | None:
-    """Return the probability that one agent scores more in the tasks that both have played; None without such tasks."""
-    both = [name for name in one if name in other]
-    if not both:
-        return None
-    pair = ({name: own[name] for name in both} for own in (one, other))
-    return _estimate(statistics.probability_of_improvement, *pair) | {"tasks": len(both)}
-
-
-def _task(folder: Path, entries: Sequence[Result]) -> Scores:
-    task, agents = task_of(folder.name), dict[str, list[Result]]()
-    for entry in sorted(entries, key=lambda entry: entry.content["seed"]):
-        agents.setdefault(entry.content["agent"], []).append(entry)
-    return {
-        "agents": {agent: _agent(task, own) for agent, own in sorted(agents.items())},
-        "cross_play": _cross_play(folder, entries),
-    }
-
-
-def _agent(task: Task, entries: Sequence[Result]) -> Scores:
-    """Return the scores of an agent in a task: for each seed, with means and intervals over seeds."""
-    members = {member.name: member for member in suite(task)}
-    for entry in entries:
-        if absent := missing(entry, task, members):
-            raise TrainingError(f"{entry.folder} is not complete: {absent[0][1]} is missing; run it again to continue")
-        if other := other_games(entry.content, task):
-            raise TrainingError(f"{entry.folder}: {other}")
-        for match in entry.matches:
-            name = match["against"]
-            if name in members and match["opponent"] != members[name].digest:
-                raise TrainingError(f"{entry.folder}: its opponent {name} is not the one of the suite")
-    _check_trainings(entries)
-    rates = {game.name: [_suite_rate(entry, game.name, members) for entry in entries] for game in task.games}
-    outside = [name for name in rates if name != TRAINED]
-    score = np.mean([rates[name] for name in outside or [TRAINED]], 0)
-    own = [entry.against[TRAINED, SELF]["figures"][0] for entry in entries]
-    return {
-        "seeds": [entry.content["seed"] for entry in entries],
-        "steps": [entry.content["policy"]["steps"] for entry in entries],
-        "of_task": all(_is_of_track(entry) for entry in entries),
-        "met": sorted({name for entry in entries for name in entry.content["policy"]["met"]}),
-        "score": _over_seeds(score),
-        "games": {name: _over_seeds(values) for name, values in rates.items()},
-        "suite": {name: _over_seeds([rate(entry.against[TRAINED, name]) for entry in entries]) for name in members},
-        "self_play": {
-            name: _over_seeds([each[name][0] for each in own])
-            for name in OWN_FIGURES
-            if all(name in each for each in own)
-        },
-        "rating": _ratings(entries, members),
-        "exploitability": _exploitability(entries),
-        "seconds": _seconds(entries),
-    }
-
-
-def _check_trainings(entries: Sequence[Result]) -> None:
-    """Raise TrainingError for seeds with the same policy: their interval would not cover other trainings."""
-    seeds: dict[str, int] = {}
-    for entry in entries:
-        policy, seed = entry.content["policy"], entry.content["seed"]
-        first = seeds.setdefault(policy["digest"], seed)
-        if first != seed and policy["steps"] is not None:  # functions get the seed
-            raise TrainingError(f"{entry.folder}: its policy is that of seed {first}, not another training: remove it")
-
-
-def rate(match: Content) -> float:
-    """Return the share of games that the first policy won; a draw counts half."""
-    return float((match["won"] + match["drawn"] / 2) / match["games"])
-
-
-def _suite_rate(entry: Result, game: str, members: dict[str, Any]) -> float:
-    return float(np.mean([rate(entry.against[game, name]) for name in members]))
-
-
-def _is_of_track(entry: Result) -> bool:
-    """Return whether a policy was trained in the game of the task, and no longer than the budget, by its own file.
-
-    Only complete rollouts are collected, so it may be a little longer.
-    """
-    policy = entry.content["policy"]
-    return bool(policy["of_task"] and policy["steps"] <= 1.01 * entry.content["budget"] + 2**16)
-
-
-def _ratings(entries: Sequence[Result], members: dict[str, Any]) -> Scores | None:
-    """Return ratings against the opponents of fixed rating; None if the task has none.
-
-    "errors" are over games, one for each seed; "low" and "high" are over seeds.
-    """
-    rated = [name for name, member in members.items() if member.rating is not None]
-    if not rated:
-        return None
-    wins, draws, losses = (
-        np.array([[entry.against[TRAINED, name][key] for name in rated] for entry in entries], np.float64)
-        for key in ("won", "drawn", "lost")
-    )
-    ratings, errors = anchored(wins, draws, losses, np.array([members[name].rating for name in rated]))
-    return _over_seeds(ratings) | {"errors": _rounded(errors)}
-
-
-def _exploitability(entries: Sequence[Result]) -> Scores | None:
-    """Return the win rates of best responses; None unless every seed has one."""
-    found = [entry.against.get((TRAINED, BEST)) for entry in entries]
-    known = [match for match in found if match is not None]
-    return _over_seeds([1 - rate(match) for match in known]) if len(known) == len(found) else None
-
-
-def _seconds(entries: Sequence[Result]) -> Scores:
-    """Return the seconds of a seed by the kind of work, means over seeds: CPU and wall clock."""
-    names = sorted({name for entry in entries for name in entry.content["seconds"]})
-    return {name: _rounded(np.mean([entry.content["seconds"].get(name, 0) for entry in entries])) for name in names}
-
-
-def _cross_play(folder: Path, entries: Sequence[Result]) -> Scores:
-    """Win rates of the agent of each row against that of each column: means over all pairs of their seeds.
-
-    For an agent against itself, it is the mean over pairs of seeds of the lower seed's win rate. None: not yet played.
-    """
-    known, found, matches = crossplay.load(folder), dict[tuple[str, str], list[float]](), 0
-    for one, other in crossplay.pairs(entries):
-        match = known.get((one.name, other.name))
-        if match is not None and crossplay.is_of(match, one, other):
-            matches += 1
-            pair = one.content["agent"], other.content["agent"]
-            found.setdefault(pair, []).append(rate(match))
-            if pair[0] != pair[1]:
-                found.setdefault(pair[::-1], []).append(1 - rate(match))
-    agents = sorted({entry.content["agent"] for entry in entries})
-    wins = [[_mean(found.get((one, other), [])) for other in agents] for one in agents]
-    return {"agents": agents, "wins": wins, "matches": matches}
-
-
-def _mean(values: Sequence[float]) -> float | None:
-    return float(_rounded(np.mean(values))) if values else None
-
-
-def _over_seeds(values: Any) -> Scores:
-    """Return the values of seeds, with their mean and its 95 % interval; for one seed without an interval."""
-    low, high = statistics.interval(values) or (None, None)
-    known = {} if low is None else {"low": _rounded(low), "high": _rounded(high)}
-    return {"seeds": _rounded(values), "mean": _rounded(np.mean(values)), **known}
-
-
-def _estimate(statistic: Callable[..., Any], *each: Any) -> Scores:
+def _estimate(statistic: Callable[..., Any], own: Mapping[str, Sequence[float]]) -> Scores:
     """Return a statistic over tasks and seeds, with its 95 % interval where every task has two seeds or more."""
-    if any(len(values) < 2 for own in each for values in own.values()):
-        return {"value": _rounded(statistic(*each))}
-    return {key: _rounded(value) for key, value in statistics.stratified_bootstrap(statistic, *each)._asdict().items()}
+    if any(len(values) < 2 for values in own.values()):
+        return {"value": rounded(statistic(own))}
+    return {key: rounded(value) for key, value in statistics.stratified_bootstrap(statistic, own)._asdict().items()}
 
 
-def _profile(own: Any) -> Scores:
-    return _estimate(lambda given: statistics.performance_profile(given, THRESHOLDS), own)
-
-
-def _rounded(values: Any) -> Any:
+def rounded(values: Any) -> Any:
     """Round numbers, as lists where there are several: their last digits depend on a machine's order of summation."""
     if np.ndim(values):
-        return [_rounded(value) for value in values]
+        return [rounded(value) for value in values]
     return float(f"{float(values):.{DIGITS}g}")
 
 
-def _check_place(entry: Result) -> None:
-    """Raise TrainingError for a result in a folder of another name: the folder decides the comparisons."""
-    content, parts = entry.content, entry.folder.resolve().parts
-    wanted = (str(content["budget"]), content["task"], content["agent"], str(content["seed"]))
-    if parts[-len(wanted) :] != wanted:
-        raise TrainingError(f"{entry.folder} holds the result of {'/'.join(wanted)}: move it to a folder of that name")
+def named(each: Scores) -> Iterator[tuple[str, Value]]:
+    """Yield the values of an agent in a task, by name."""
+    yield from (("score", each["score"]), ("rating", each["rating"]))
+    for key in ("exploitability", "games", "suite", "mates", "self_play"):
+        yield from ((f"{key}/{name}", value) for name, value in each[key].items())
+    yield from ((f"curve/{value['steps']}", value) for value in each["curve"])
+    yield from ((f"situations/{name}", over_seeds({0: share})) for name, share in each["situations"].items())
+
+
+def absent(found: Scores) -> int:
+    """Return the number of planned values that are missing."""
+    every = (
+        each for own in found["budgets"].values() for of_task in own["tasks"].values() for each in of_task.values()
+    )
+    return sum(value["status"] in (MISSING, PARTLY) for each in every for _, value in named(each))
 
 
 def lines(found: Scores) -> Iterator[str]:
@@ -275,7 +306,7 @@ def lines(found: Scores) -> Iterator[str]:
     for budget, own in found["budgets"].items():
         yield f"{int(budget):,} agent-steps" + (f", track {own['track']}" if own["track"] else ", of no track")
         for task, of_task in own["tasks"].items():
-            for agent, each in of_task["agents"].items():
-                rating = each["rating"]
-                elo = f", Elo {rating['mean']:.0f}" if rating else ""
-                yield f"  {task}, {agent}: score {each['score']['mean']:.3f}{elo}, seeds {len(each['seeds'])}"
+            for agent, each in of_task.items():
+                mean = f"{each['score']['mean']:.3f}" if "mean" in each["score"] else each["score"]["status"]
+                rating = f", Elo {each['rating']['mean']:.0f}" if "mean" in each["rating"] else ""
+                yield f"  {task}, {agent}: score {mean}{rating}, seeds {len(each['seeds'])}"

@@ -25,10 +25,10 @@ from outlast.envs.rollout.styles import AIMED, STRIKE, SWEEP, Intent, Seen, clos
 from outlast.envs.scenarios.scenario import Scenario
 
 from ..arena.players import Contender
-from .tasks import SEEDS
+from .tasks import SITUATION_SEED
 
 Array = np.ndarray[Any, Any]
-WORLDS, SEED = 64, SEEDS[-1]  # games of a situation, and the seed of their worlds, which training may not use
+WORLDS, SEED = 64, SITUATION_SEED  # games of a situation, and the seed of their worlds, which training may not use
 MIDDLE = 1.0  # metres: the first agent begins at most so far from the middle of the room, along both axes
 AWAY, APART = -10.5, 1.5  # metres: where agents wait that are not part of a scene, and how far from each other
 WEAK, HURT, FULL = 10, 30, 100  # hit points
@@ -366,24 +366,35 @@ def _play(situation: Situation, env: SurvivalVectorEnv, contender: Contender | N
     return found
 
 
-def table(scenario: Scenario, policies: Sequence[Contender], progress: Callable[[int], None]) -> list[tuple[str, ...]]:
-    """Return a row for each situation: its name, and the share of worlds in which its solution and each policy pass.
+def shares(
+    scenario: Scenario, contender: Contender | None, progress: Callable[[int], None] = lambda done: None
+) -> dict[str, float | str]:
+    """Return the share of worlds in which a policy passes each situation, or what the game lacks for it.
+
+    contender: The policy; None: the solutions. progress: Called with 1 for each situation.
+    """
+    found = dict[str, float | str]()
+    for situation in SITUATIONS:
+        played = attempt(situation, scenario, contender)
+        found[situation.name] = played if isinstance(played, str) else float(played.mean())
+        progress(1)
+    return found
+
+
+def table(columns: Sequence[dict[str, float | str]]) -> list[tuple[str, ...]]:
+    """Return a row for each situation: its name, and the results of `shares` of its solution and of each policy.
 
     The row of a situation that the game lacks something for says what. The last row counts the situations passed, in at
-    least SHARE of the worlds. progress: Called with 1 for each policy of each situation.
+    least SHARE of the worlds.
     """
-    rows, shares = list[tuple[str, ...]](), list[list[float]]()
-    for situation in SITUATIONS:
-        found = list[Array]()
-        for contender in (None, *policies):
-            played = attempt(situation, scenario, contender)
-            progress(1)
-            if isinstance(played, str):
-                rows.append((situation.name, f"no {played}", *[""] * len(policies)))
-                break
-            found.append(played)
-        else:
-            shares.append([float(each.mean()) for each in found])
-            rows.append((situation.name, *(f"{share:.2f}" for share in shares[-1])))
-    passed = (np.array(shares).reshape(-1, 1 + len(policies)) >= SHARE).sum(0)
-    return [*rows, ("passed", *(f"{count} of {len(shares)}" for count in passed))]
+    rows, passed, played = list[tuple[str, ...]](), [0] * len(columns), 0
+    for name in columns[0]:
+        values = [own[name] for own in columns]
+        if isinstance(values[0], str):
+            rows.append((name, f"no {values[0]}", *[""] * (len(columns) - 1)))
+            continue
+        played += 1
+        numbers = [float(value) for value in values]
+        passed = [count + (number >= SHARE) for count, number in zip(passed, numbers, strict=True)]
+        rows.append((name, *(f"{number:.2f}" for number in numbers)))
+    return [*rows, ("passed", *(f"{count} of {played}" for count in passed))]

@@ -1,40 +1,39 @@
-"""The held-out suite: opponents that no agent is trained against, the same for all agents, with fixed ratings.
+"""The suite: opponents that no agent is trained against, the same for all agents, with fixed ratings.
 
-These are scripted styles, and anchors: frozen policies. For each task, `outlast benchmark anchors` makes a file
-anchors/TASK.safetensors with all its anchors and the ratings of the suite in that task.
+These are scripted styles, and anchors: frozen policies of rising strength, of which the strongest beats every style.
+For each task, `outlast benchmark anchors` makes a file anchors/TASK.safetensors with all its anchors and the ratings of
+the suite in that task.
 """
 
 import csv
+import functools
 import hashlib
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from outlast.envs.core.vector_env import SurvivalVectorEnv
-from outlast.envs.rollout.policies import STYLES as SCRIPTS
-from outlast.envs.rollout.styles import follow
 from outlast.envs.scenarios.fingerprint import difference, fingerprint, is_fingerprint, is_word
 from outlast.envs.storage.kept_results import RESULTS, kept_file
 
-from ..arena.match import Act
-from ..arena.players import Contender
+from ..arena.players import Contender, labels
+from ..arena.ratings import elo
 from ..base import policy_file, run_header
 from ..base.errors import TrainingError
-from ..policies.player import Player
-from .result import BEST, SELF, Content, Result, are_finite
+from ..policies.player import Player, weights_of
+from .games import play
+from .result import Content, are_finite, made, read_json, write_json
 from .tasks import PROTOCOL, Task
 
-STYLES = ("random", "noop", "scripted", "camper", "hunter", "hoarder", "healer")
 FOLDER = RESULTS / "anchors"
 TABLE = Path(__file__).with_name("anchors.csv")  # checksums of the suite's files
 RATED = "suite"  # the part of an anchors' file about the suite
-OWN = ("steps", "plan")  # parts of run.json that differ between anchors
+OWN = ("steps", "plan", "scenario")  # parts of run.json that differ between anchors
 Weights = dict[str, np.ndarray[Any, Any]]
-Anchor = tuple[run_header.Header, Weights]  # run.json and the weights
+Anchor = tuple[run_header.Header, list[Weights]]  # run.json, and the weights of each of its policies
 
 
 @dataclass(frozen=True)
@@ -43,56 +42,82 @@ class SuiteOpponent:
 
     Attributes:
         name: A style, or the name of an anchor.
-        file: File of the task's anchors; None for a style.
-        digest: See `digest_of`; empty for a style.
         rating: Fixed Elo rating in the task; None: not rated yet.
+        error: Standard error of the rating, over games.
+        anchor: run.json and weights of an anchor; None for a style.
     """
 
     name: str
-    file: Path | None = None
-    digest: str = ""
     rating: float | None = None
+    error: float = 0.0
+    anchor: Anchor | None = None
 
     def contender(self) -> Contender:
         """Return the opponent as a policy. Raises TrainingError."""
-        if self.file is None:
-            return style(self.name)
-        header, weights = read_anchors(self.file)[1][self.name]
+        if self.anchor is None:
+            return Contender(self.name, self.name)
+        header, weights = self.anchor
         content = {
             run_header.NAME: json.dumps(header).encode(),
-            run_header.WEIGHTS: policy_file.weights_content([weights]),
+            run_header.WEIGHTS: policy_file.weights_content(weights),
         }
         found = Contender(self.name, Player(content))
         found.text = self.name
         return found
 
 
-class RatedStyle(Contender):
-    """A style as its ratings have it: in games with Steering it turns to and fro, and sees little."""
+@dataclass(frozen=True)
+class Suite:
+    """The suite of a task.
 
-    def act(self, env: SurvivalVectorEnv, seed: int, *, keyed: bool = False, slack: float = 0.0) -> Act:
-        """Return the function that plays the style, which draws nothing."""
-        play = follow(SCRIPTS[self.text], env, pushed=True)
-        return lambda seen, indices: np.asarray(play(seen)[indices])
+    members: By name: styles, then anchors. digest: SHA-256 of the anchors' file; for styles alone, of their names.
+    """
+
+    members: dict[str, SuiteOpponent]
+    digest: str
+
+    @functools.cached_property
+    def _by_rating(self) -> tuple[list[str], list[str]]:
+        """Styles and anchors, the strongest first."""
+        names = sorted(self.members, key=lambda name: self.members[name].rating or 0.0)[::-1]  # of equal ones the last
+        anchors = [name for name in names if self.members[name].anchor is not None]
+        return [name for name in names if name not in anchors], anchors
+
+    @property
+    def validators(self) -> list[str]:
+        """The opponents in validations: the strongest style, the strongest anchor, and the middle one."""
+        styles, anchors = self._by_rating
+        return [styles[0], *dict.fromkeys((anchors[0], anchors[len(anchors) // 2]) if anchors else ())]
+
+    @property
+    def mates(self) -> list[str]:
+        """The team-mates of tests with others: the strongest style and the strongest anchor."""
+        return [each[0] for each in self._by_rating if each]
 
 
-def style(name: str) -> Contender:
-    """Return the member of STYLES of that name."""
-    return (RatedStyle if name in SCRIPTS else Contender)(name, name)
-
-
-def suite(task: Task) -> list[SuiteOpponent]:
-    """Return the suite of a task: styles, then anchors.
+def suite(task: Task) -> Suite:
+    """Return the suite of a task.
 
     Raises TrainingError if its file is invalid, or was made in another game; UsageError if it cannot be fetched.
     """
     place = _place(task)
     if not place.exists():
-        return [SuiteOpponent(name) for name in STYLES]
+        names = " ".join(task.styles).encode()
+        return Suite({name: SuiteOpponent(name) for name in task.styles}, hashlib.sha256(names).hexdigest())
+    return _read(task, place, place.stat().st_mtime_ns)
+
+
+@functools.lru_cache
+def _read(task: Task, place: Path, changed: int) -> Suite:
+    """Return the suite in a file, which is read again when it has changed."""
     rated, anchors = read_anchors(place)
-    if other := difference(rated["fingerprint"], fingerprint(task.games[0].scenario)):
+    if other := difference(rated["fingerprint"], fingerprint(task.tests[0].scenario)):
         raise TrainingError(f"{place}: its ratings belong to another game {other}")
-    return [_member(entry, place, anchors.get(entry["name"])) for entry in rated["members"]]
+    members = [
+        SuiteOpponent(entry["name"], float(entry["elo"]), float(entry["error"]), anchors.get(entry["name"]))
+        for entry in rated["members"]
+    ]
+    return Suite({member.name: member for member in members}, hashlib.sha256(place.read_bytes()).hexdigest())
 
 
 def _place(task: Task) -> Path:
@@ -105,42 +130,6 @@ def _place(task: Task) -> Path:
     return kept_file(f"anchors/{place.name}", known[task.name], f"the anchors of {task.name}")
 
 
-def _member(entry: Content, place: Path, anchor: Anchor | None) -> SuiteOpponent:
-    """Return a member of a suite. entry: Its part of the file. anchor: None for a style."""
-    name, rating = entry["name"], float(entry["elo"])
-    return (
-        SuiteOpponent(name, rating=rating) if anchor is None else SuiteOpponent(name, place, digest_of(*anchor), rating)
-    )
-
-
-def digest_of(header: run_header.Header, weights: Weights) -> str:
-    """Return the SHA-256 of an anchor, hexadecimal: of its run.json and its weights."""
-    found = hashlib.sha256(json.dumps(header, sort_keys=True).encode())
-    for name, values in sorted(weights.items()):
-        found.update(f"{name} {values.shape}".encode() + values.astype("<f4").tobytes())
-    return found.hexdigest()
-
-
-def write_anchors(path: Path, anchors: Sequence[Anchor], rated: Content) -> None:
-    """Write the file of a task's anchors, completely or not at all.
-
-    Raises TrainingError: anchors differ in more than their weights and OWN, such as in their presets.
-
-    anchors: In the order of `rated`. rated: The description of the suite: "members" has "name", "elo" and "error" of
-    each, styles first.
-    """
-    common = [{key: value for key, value in header.items() if key not in OWN} for header, _ in anchors]
-    shapes = [{name: values.shape for name, values in weights.items()} for _, weights in anchors]
-    if any(each != common[0] for each in common) or any(each != shapes[0] for each in shapes):
-        raise TrainingError("anchors of a task must be of one preset and one version of its game: leave out the others")
-    members = [dict(member) for member in rated["members"]]
-    for member, (header, _) in zip(members[len(members) - len(anchors) :], anchors, strict=True):
-        member |= {key: header[key] for key in OWN}
-    stacked = {name: np.stack([weights[name] for _, weights in anchors]) for name in shapes[0]}
-    header = common[0] | {"steps": 0, RATED: rated | {"members": members}}
-    policy_file.write(path, header, [stacked])
-
-
 def read_anchors(path: Path) -> tuple[Content, dict[str, Anchor]]:
     """Return the description of the suite in a file of anchors, and the anchors by name. Raises TrainingError."""
     header, policies = policy_file.read(path)
@@ -149,34 +138,15 @@ def read_anchors(path: Path) -> tuple[Content, dict[str, Anchor]]:
         fault = _wrong(rated)
     except (KeyError, TypeError, AttributeError) as error:
         fault = f"{type(error).__name__}: {error}"
-    names = [] if fault else [member["name"] for member in rated["members"] if OWN[0] in member]
-    if not fault and any(len(values) != len(names) for own in policies for values in own.values()):
-        fault = f"its weights are not those of {len(names)} anchors"
+    own = (
+        {} if fault else {each["name"]: {key: each[key] for key in OWN} for each in rated["members"] if "plan" in each}
+    )
+    if not fault and any(len(values) != len(own) for weights in policies for values in weights.values()):
+        fault = f"its weights are not those of {len(own)} anchors"
     if fault:
         raise TrainingError(f"{path} does not hold the anchors of a task: {fault:.200}")
-    own = {member["name"]: {key: member[key] for key in OWN} for member in rated["members"] if OWN[0] in member}
-    (stacked,) = policies
-    weights = [{name: values[k] for name, values in stacked.items()} for k in range(len(names))]
-    return rated, {name: (header | own[name], each) for name, each in zip(names, weights, strict=True)}
-
-
-def missing(entry: Result, task: Task, members: Iterable[str]) -> list[tuple[str, str]]:
-    """Return the games and opponents that an entry has not played: itself, the suite, the best response.
-
-    members: Names of the suite.
-    """
-    wanted = [(game.name, name) for game in task.games for name in (SELF, *members)]
-    if (entry.content["policy"] or {}).get("steps") is not None:  # unknown for functions
-        wanted.append((task.games[0].name, BEST))
-    return [each for each in wanted if each not in entry.against]
-
-
-def other_games(content: Content, task: Task) -> str:
-    """Describe a game of a result that differs from its task's; empty if none does."""
-    for game in task.games:
-        if other := difference(content["fingerprints"].get(game.name), fingerprint(game.scenario)):
-            return f"its game '{game.name}' differs from that of {task.name} {other}"
-    return ""
+    each = [[{name: values[k] for name, values in one.items()} for one in policies] for k in range(len(own))]
+    return rated, {name: (header | own[name], weights) for name, weights in zip(own, each, strict=True)}
 
 
 def _wrong(rated: Content) -> str:
@@ -186,6 +156,85 @@ def _wrong(rated: Content) -> str:
     for entry in rated["members"]:
         if not is_word(entry["name"]) or not are_finite((entry["elo"], entry["error"])):
             return f"an invalid member: {entry!r:.80}"
-        if OWN[0] in entry and not all(run_header.VALIDATORS[key](entry[key]) for key in OWN):
+        if "plan" in entry and not all(run_header.VALIDATORS[key](entry[key]) for key in OWN):
             return f"an invalid anchor: {entry!r:.80}"
     return ""
+
+
+def make(
+    task: Task,
+    sources: Sequence[Path],
+    folder: Path,
+    games: int,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Path:
+    """Rate checkpoints and styles by a round robin, and write the file of the suite. A stopped run can be continued.
+
+    Returns the path of TASK.safetensors. Raises TrainingError: a file is not a checkpoint, or is named twice; presets
+    differ; the folder cannot be written.
+
+    task: The task of the anchors. sources: Checkpoints. folder: Folder for TASK.safetensors, and for TASK-games.json,
+    which need not be kept. progress: Called with the number of matches done, and that of all matches.
+    """
+    names = labels([str(source.resolve()) for source in sources])
+    anchors = [_rounded(source) for source in sources]
+    known = [SuiteOpponent(name, anchor=anchor) for name, anchor in zip(names, anchors, strict=True)]
+    players = [*map(SuiteOpponent, task.styles), *known]
+    wins, draws = _round_robin(task, players, folder / f"{task.name}-games.json", games, progress)
+    ratings, errors = elo(wins, draws)
+    count = len(task.styles)
+    order = [*range(count), *(count + np.argsort(ratings[count:])).tolist()]  # anchors of rising strength
+    anchors = [anchors[k - count] for k in order[count:]]
+    members = [
+        {"name": f"anchor-{at - count + 1}" if players[k].anchor else players[k].name}
+        | {"elo": round(float(ratings[k]), 1), "error": round(float(errors[k]), 1)}
+        | ({key: anchors[at - count][0][key] for key in OWN} if players[k].anchor else {})
+        for at, k in enumerate(order)
+    ]
+    common = [{key: value for key, value in header.items() if key not in (*OWN, "modules")} for header, _ in anchors]
+    shapes = [[{name: values.shape for name, values in one.items()} for one in policies] for _, policies in anchors]
+    if any(each != common[0] for each in common) or any(each != shapes[0] for each in shapes):
+        raise TrainingError("anchors of a task must be of one preset and one kind of game: leave out the others")
+    own = {"version": PROTOCOL, "fingerprint": fingerprint(task.tests[0].scenario), "games": games, "made": made()}
+    header = anchors[-1][0] | {"steps": 0, RATED: own | {"members": members}}
+    stacked = [
+        {name: np.stack([policies[k][name] for _, policies in anchors]) for name in one}
+        for k, one in enumerate(shapes[0])
+    ]
+    path = folder / f"{task.name}{policy_file.SUFFIX}"
+    policy_file.write(path, header, stacked)
+    return path
+
+
+def _rounded(source: Path) -> Anchor:
+    """Return the header and the weights of a policy, in half precision as they are kept. Raises TrainingError."""
+    header, policies = weights_of(source, critic=False)
+    return header, [
+        {name: values.astype(np.float16).astype(np.float32) for name, values in one.items()} for one in policies
+    ]
+
+
+def _round_robin(
+    task: Task, players: Sequence[SuiteOpponent], place: Path, games: int, progress: Callable[[int, int], None]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the games that each player won against each other, and draws: float64 (players, players) both."""
+    pairs = [(i, j) for j in range(len(players)) for i in range(j)]
+    known: Content = read_json(place, lambda content: "") if place.exists() else {}
+    wins, draws = np.zeros((2, len(players), len(players)))
+    for k, (i, j) in enumerate(pairs):
+        progress(k, len(pairs))
+        key = " ".join((str(games), *(name for n in (i, j) for name in (players[n].name, _digest(players[n])))))
+        if key not in known:
+            found = play(task.tests[0], [players[i].contender(), players[j].contender()], games).outcome
+            known[key] = [found["won"], found["drawn"], found["lost"]]
+            write_json(place, known)
+        wins[i, j], draws[i, j], wins[j, i] = known[key]
+        draws[j, i] = draws[i, j]
+    return wins, draws
+
+
+def _digest(player: SuiteOpponent) -> str:
+    """Return a hash of the weights of an anchor; "" for a style."""
+    policies = player.anchor[1] if player.anchor else []
+    joined = b"".join(values.tobytes() for weights in policies for _, values in sorted(weights.items()))
+    return hashlib.sha256(joined).hexdigest()[:16] if joined else ""

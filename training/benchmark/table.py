@@ -1,32 +1,38 @@
-"""Tables of scores: Markdown, CSV, a figure of performance profiles, and the JSON of marl-eval."""
+"""Tables of scores: Markdown, CSV, figures of performance profiles and curves, and the JSON of marl-eval."""
 
+import hashlib
+import json
 import logging
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from ..base.errors import TrainingError
 from ..base.files import write_files
 from ..base.tables import csv_text, markdown_table
-from . import scores
-from .kept import TRAINED
+from . import people, scores
 from .marl_eval import RunMetrics, marl_eval_json
+from .result import SELF
+from .situations import SHARE
+from .tasks import TRAINED
 
 HEADS = ("agent", "score (IQM)", "95 %", "tasks", "seeds")
 TASK_HEADS = (
-    *("task", "agent", "score", "Elo", "best response wins", "trained in", "outside"),
-    *("length", "kills", "damage", "heals given", "seeds", "agent-steps"),
+    *("task", "agent", "score", "Elo", "trained in", "outside", "beside others", "beside itself"),
+    *("best response wins", "situations", "seeds", "agent-steps"),
 )
-PRINTED = ("length", "kills", "damage_dealt", "heals_given")  # figures of self-play in the table by task
+PAIR_HEADS = ("agent", "other", "difference of scores", "wins against it", "verdict")
+PEOPLE_HEADS = ("who", "task", "against", "games", "won", "Elo")
 OF_NO_TRACK, MET = "†", "‡"
 logger = logging.getLogger("outlast")
-COLUMNS = ("budget", "track", "task", "agent", "figure", "mean", "low", "high", "seeds")
+COLUMNS = ("budget", "track", "task", "agent", "figure", "status", "mean", "low", "high", "seeds")
+SIZE = (7.0, 3.4)  # inches
 
 
-def write(places: Path, folder: Path) -> list[Path]:
-    """Write all tables of the results in a folder. Return the paths. Raises TrainingError."""
-    found = scores.scores(places)
+def write(found: scores.Scores, games: Sequence[dict[str, Any]], folder: Path) -> list[Path]:
+    """Write all tables. Return the paths. games: Those of people. Raises TrainingError."""
     contents = {
-        folder / "table.md": markdown(found).encode(),
+        folder / "table.md": markdown(found, games).encode(),
         folder / "table.csv": as_csv(found).encode(),
         **{folder / name: content for name, content in _more(found)},
     }
@@ -34,162 +40,202 @@ def write(places: Path, folder: Path) -> list[Path]:
     return list(contents)
 
 
-def markdown(found: scores.Scores) -> str:
-    """Return the tables of all budgets."""
-    return "\n\n".join(part for budget, own in found["budgets"].items() for part in _budget(int(budget), own)) + "\n"
+def markdown(found: scores.Scores, games: Sequence[dict[str, Any]] = ()) -> str:
+    """Return the tables of all budgets, and of people."""
+    parts = [part for budget, own in found["budgets"].items() for part in _budget(int(budget), own)]
+    if games:
+        parts += ["### People", markdown_table(PEOPLE_HEADS, map(list, people.rows(games)))]
+    return "\n\n".join(parts) + "\n"
 
 
 def as_csv(found: scores.Scores) -> str:
-    """Return the CSV file: a row for every figure of every agent in every task."""
+    """Return the CSV file: a row for every value of every agent in every task."""
     rows = list[tuple[object, ...]]()
     for budget, own in found["budgets"].items():
         for task, of_task in own["tasks"].items():
-            for agent, each in of_task["agents"].items():
-                for name, figure in _named(each):
-                    values = (figure["mean"], figure.get("low", ""), figure.get("high", ""), len(figure["seeds"]))
-                    rows.append((budget, own["track"], task, agent, name, *values))
+            for agent, each in of_task.items():
+                for name, value in scores.named(each):
+                    ends = (value.get(key, "") for key in ("mean", "low", "high"))
+                    row = (budget, own["track"], task, agent, name, value["status"], *ends)
+                    rows.append((*row, len(value.get("seeds", ()))))
     return csv_text(COLUMNS, rows)
 
 
-def _named(each: scores.Scores) -> Iterator[tuple[str, scores.Scores]]:
-    """Yield the figures of an agent in a task, by name."""
-    yield "score", each["score"]
-    if each["rating"]:
-        yield "rating", each["rating"]
-    if each["exploitability"]:
-        yield "exploitability", each["exploitability"]
-    for key in ("games", "suite", "self_play"):
-        yield from ((f"{key}/{name}", figure) for name, figure in each[key].items())
-
-
 def _budget(budget: int, own: scores.Scores) -> Iterator[str]:
-    track = f"track {own['track']}" if own["track"] else f"of no track: {own['games']} games a match"
-    tasks = ", ".join(own["common"]) or "none"
+    track = f"track {own['track']}" if own["track"] else f"of no track: {own['games']} games a test"
     yield f"### {budget:,} agent-steps ({track})"
-    others = ", ".join(agent for agent in own["improvement"] if agent not in own["compared"])
+    every = dict.fromkeys(agent for of_task in own["tasks"].values() for agent in of_task)
+    others = ", ".join(agent for agent in every if agent not in own["compared"])
     fewer = f" Not in it: {others}, of fewer tasks." if others else ""
-    yield (
-        "Score: the interquartile mean over tasks and seeds, with its 95 % interval (stratified bootstrap), in the "
-        f"tasks that all agents of this table have played: {tasks}.{fewer}"
-    )
-    yield markdown_table(HEADS, _overall(own))
-    if len(own["improvement"]) > 1:
+    if own["common"]:
         yield (
-            "Probability that a seed of the row scores more than one of the column (and in how many tasks that both "
-            "have played):"
+            "Score: the interquartile mean over tasks and seeds, with its 95 % interval (stratified bootstrap), in the "
+            f"tasks that all agents of this table have played: {', '.join(own['common'])}.{fewer}"
         )
-        yield _improvement(own)
-    yield (
-        "By task, means over seeds with 95 % bootstrap intervals; kills and heals given are of one side in self-play, "
-        "damage is of one agent:"
-    )
-    yield markdown_table(TASK_HEADS, _by_task(own))
-    for task, each in own["tasks"].items():
-        if each["cross_play"]["matches"]:
-            yield f"{task}, wins of the row against the column, between seeds on the diagonal:"
-            yield _cross(each["cross_play"])
-    if any(not each["of_task"] for task in own["tasks"].values() for each in task["agents"].values()):
+        yield markdown_table(HEADS, _overall(own))
+    if own["pairs"]:
+        yield (
+            "Planned comparisons, a mean over tasks. The intervals hold for all of them together; more, less or equal "
+            "is said of a difference beyond, or within, the effect of the manifest:"
+        )
+        yield markdown_table(PAIR_HEADS, _pairs(own["pairs"]))
+    yield "By task, means over seeds with 95 % bootstrap intervals:"
+    yield markdown_table(TASK_HEADS, _by_task(own["tasks"]))
+    if any(not each["of_task"] for task in own["tasks"].values() for each in task.values()):
         yield f"{OF_NO_TRACK} not shown by a policy file to be trained in the game of the task, within the budget."
-    if any(each["met"] for task in own["tasks"].values() for each in task["agents"].values()):
+    if any(each["met"] for task in own["tasks"].values() for each in task.values()):
         yield f"{MET} it was trained against opponents of the suite, or by imitating them."
 
 
 def _overall(own: scores.Scores) -> Iterator[list[str]]:
     """Yield a row for each agent, the highest score first."""
     for agent, found in sorted(own["iqm"].items(), key=lambda entry: -entry[1]["value"]):
-        counts = {len(own["tasks"][task]["agents"][agent]["seeds"]) for task in own["common"]}
+        counts = {len(own["tasks"][task][agent]["seeds"]) for task in own["common"]}
         ends = f"{found['low']:.3f} to {found['high']:.3f}" if "low" in found else "one seed"
-        yield [_marked(agent, own), f"{found['value']:.3f}", ends, str(len(own["common"])), _range(counts)]
+        seeds = str(min(counts)) if len(counts) == 1 else f"{min(counts)} to {max(counts)}"
+        yield [_marked(agent, *own["tasks"].values()), f"{found['value']:.3f}", ends, str(len(own["common"])), seeds]
 
 
-def _marked(agent: str, own: scores.Scores) -> str:
-    """Return the agent with the marks that it has in any task."""
-    each = [task["agents"][agent] for task in own["tasks"].values() if agent in task["agents"]]
-    marks = OF_NO_TRACK * (not all(task["of_task"] for task in each)) + MET * any(task["met"] for task in each)
-    return agent + marks
+def _marked(agent: str, *tasks: Mapping[str, scores.Scores]) -> str:
+    """Return the agent with the marks that it has in any of these tasks."""
+    each = [task[agent] for task in tasks if agent in task]
+    return agent + OF_NO_TRACK * (not all(own["of_task"] for own in each)) + MET * any(own["met"] for own in each)
 
 
-def _range(counts: set[int]) -> str:
-    return str(min(counts)) if len(counts) == 1 else f"{min(counts)} to {max(counts)}"
+def _pairs(pairs: Sequence[scores.Scores]) -> Iterator[list[str]]:
+    for pair in pairs:
+        yield [pair["one"], pair["other"], _cell(pair["difference"], 3), _cell(pair["direct"], 2), pair["verdict"]]
 
 
-def _improvement(own: scores.Scores) -> str:
-    agents = list(own["improvement"])
-
-    def cell(one: str, other: str) -> str:
-        found = None if one == other else own["improvement"][one][other]
-        return f"{found['value']:.2f} ({found['tasks']})" if found else ""
-
-    return markdown_table(("", *agents), ([one, *(cell(one, other) for other in agents)] for one in agents))
-
-
-def _by_task(own: scores.Scores) -> Iterator[list[str]]:
-    for task, of_task in own["tasks"].items():
-        for agent, each in of_task["agents"].items():
-            outside = [figure["mean"] for name, figure in each["games"].items() if name != TRAINED]
+def _by_task(tasks: Mapping[str, Mapping[str, scores.Scores]]) -> Iterator[list[str]]:
+    for task, of_task in tasks.items():
+        for agent, each in of_task.items():
+            outside = [value for name, value in each["games"].items() if name != TRAINED]
+            others = [value for mate, value in each["mates"].items() if mate != SELF]
+            passed = [share >= SHARE for share in each["situations"].values()]
             yield [
                 task,
-                agent + OF_NO_TRACK * (not each["of_task"]) + MET * bool(each["met"]),
+                _marked(agent, of_task),
                 _cell(each["score"], 3),
                 _rating(each["rating"]),
-                _cell(each["exploitability"], 2),
                 _cell(each["games"][TRAINED], 3) if outside else "",
-                f"{sum(outside) / len(outside):.3f}" if outside else "",
-                *(_cell(each["self_play"].get(name), 0 if name == "length" else 2) for name in PRINTED),
+                _mean(outside, 3),
+                _mean(others, 2),
+                _cell(each["mates"][SELF], 2) if others else "",
+                ", ".join(f"{_short(name)} {_cell(value, 2)}" for name, value in each["exploitability"].items()),
+                f"{sum(passed)} of {len(passed)}" if passed else "",
                 str(len(each["seeds"])),
-                "unknown" if None in each["steps"] else f"{max(each['steps']):,}",
+                "unknown" if None in each["steps"] or not each["steps"] else f"{max(each['steps']):,}",
             ]
 
 
-def _cell(figure: scores.Scores | None, digits: int) -> str:
-    """Return a mean with its interval; empty without a figure."""
-    if figure is None:
-        return ""
-    ends = f" [{figure['low']:.{digits}f}, {figure['high']:.{digits}f}]" if "low" in figure else ""
-    return f"{figure['mean']:.{digits}f}{ends}"
+def _short(name: str) -> str:
+    """Return the name of a best response with millions of agent-steps: "scratch 5 M"."""
+    kind, _, steps = name.partition(" ")
+    return f"{kind} {int(steps) / 1e6:g} M" if steps.isdigit() else ""
 
 
-def _rating(figure: scores.Scores | None) -> str:
-    """Return a rating with its interval over seeds; for one seed, with its standard error over games."""
-    if figure is None:
-        return ""
-    return _cell(figure, 0) if "low" in figure else f"{figure['mean']:.0f} ± {figure['errors'][0]:.0f}"
+def _mean(values: Sequence[scores.Value], digits: int) -> str:
+    """Return the mean of several values; the status of one that has none; empty without values."""
+    if gone := [value["status"] for value in values if "mean" not in value]:
+        return str(gone[0])
+    return f"{sum(value['mean'] for value in values) / len(values):.{digits}f}" if values else ""
 
 
-def _cross(found: scores.Scores) -> str:
-    rows = (
-        [agent, *("" if rate is None else f"{rate:.3f}" for rate in row)]
-        for agent, row in zip(found["agents"], found["wins"], strict=True)
-    )
-    return markdown_table(("", *found["agents"]), rows)
+def _cell(value: scores.Value, digits: int) -> str:
+    """Return a mean with its interval; the status of a value without a mean."""
+    if "mean" not in value:
+        return str(value["status"])
+    ends = f" [{value['low']:.{digits}f}, {value['high']:.{digits}f}]" if "low" in value else ""
+    return f"{value['mean']:.{digits}f}{ends}"
+
+
+def _rating(value: scores.Value) -> str:
+    """Return a rating with its interval over seeds; of too few seeds, the ratings of each."""
+    if "mean" in value or "seeds" not in value:
+        return _cell(value, 0)
+    return f"{value['status']}: {', '.join(f'{each:.0f}' for each in value['seeds'])}"
 
 
 def _more(found: scores.Scores) -> Iterator[tuple[str, bytes]]:
-    """Yield performance profiles and files for marl-eval, for each budget in which agents share a task."""
-    from .profile import picture  # imported here, since it needs matplotlib
-
+    """Yield figures, and files for marl-eval, for each budget in which agents share a task."""
     for budget, own in found["budgets"].items():
-        if own["common"]:
-            yield f"profile-{budget}.png", picture(own, f"{int(budget):,} agent-steps")
-            if runs := list(_runs(int(budget), own)):
-                try:
-                    yield f"marl_eval-{budget}.json", marl_eval_json("outlast", runs).encode()
-                except TrainingError as error:  # marl-eval allows fewer names
-                    logger.warning("marl_eval-%s.json is left out: %s", budget, error)
+        if any(each["curve"][1:] for task in own["tasks"].values() for each in task.values()):
+            yield f"curves-{budget}.png", _picture(_draw_curves, own, f"validation, {int(budget):,} agent-steps")
+        if not own["common"]:
+            continue
+        yield (
+            f"profile-{budget}.png",
+            _picture(_draw_profile, own, f"performance profiles, {int(budget):,} agent-steps"),
+        )
+        if runs := list(_runs(int(budget), own)):
+            try:
+                yield f"marl_eval-{budget}.json", marl_eval_json("outlast", runs).encode()
+            except TrainingError as error:  # marl-eval allows fewer names
+                logger.warning("marl_eval-%s.json is left out: %s", budget, error)
 
 
 def _runs(budget: int, own: scores.Scores) -> Iterator[RunMetrics]:
-    """Yield the runs for marl-eval: the compared agents, with the tasks and seeds that all of them have.
+    """Yield the runs for marl-eval: the compared agents, with the tasks that have all seeds of all of them.
 
-    They were evaluated once, at the end of training.
+    The score is that of the chosen checkpoint, and so the absolute metric, too.
     """
-    each = {(task, name): own["tasks"][task]["agents"][name] for task in own["common"] for name in own["compared"]}
-    seeds = set.intersection(*(set(found["seeds"]) for found in each.values()))
+    each = {(task, name): own["tasks"][task][name] for task in own["common"] for name in own["compared"]}
+    fewest = min(len(found["score"]["seeds"]) for found in each.values())
     for (task, agent), found in each.items():
-        for k, seed in enumerate(found["seeds"]):
-            if seed in seeds:
-                length = found["self_play"].get("length")  # missing if a result has no figures
-                figures = {"score": found["score"]["seeds"][k]} | (
-                    {"length": length["seeds"][k]} if length is not None else {}
-                )
-                yield RunMetrics(task, agent, seed, {budget: figures}, figures)
+        for k in range(fewest):
+            score = {"score": found["score"]["seeds"][k]}
+            yield RunMetrics(task, agent, found["seeds"][k], {budget: score}, score)
+
+
+def _picture(draw: Callable[[scores.Scores, str], Any], own: scores.Scores, title: str) -> bytes:
+    """Return a figure as a PNG; the same scores give the same bytes. Needs matplotlib."""
+    from ..plots.figure import encoded  # imported here, since it needs matplotlib
+
+    source = hashlib.sha256(json.dumps(own, sort_keys=True).encode()).hexdigest()
+    return encoded(lambda: draw(own, title), "png", {"Title": title, "Source": source})
+
+
+def _draw_profile(own: scores.Scores, title: str) -> Any:
+    from ..plots.figure import figure_of, look
+
+    figure = figure_of(*SIZE, layout="constrained")
+    axes, thresholds = figure.subplots(), own["profile"]["thresholds"]
+    axes.set_title(f"{title}, {len(own['common'])} tasks")
+    for k, agent in enumerate(name for name in own["profile"] if name != "thresholds"):
+        each, (ink, dash) = own["profile"][agent], look(k)
+        axes.step(thresholds, each["value"], where="post", color=ink, linestyle=dash, linewidth=1.7, label=agent)
+        if "low" in each:
+            axes.fill_between(thresholds, each["low"], each["high"], step="post", color=ink, alpha=0.16, linewidth=0)
+    label = "score: win rate against the suite"
+    axes.set(xlim=(0, 1), ylim=(0, 1.02), xlabel=label, ylabel="share of seeds that score more")
+    axes.legend(frameon=False)
+    return figure
+
+
+def _draw_curves(own: scores.Scores, title: str) -> Any:
+    from ..plots.figure import figure_of, look
+
+    agents = dict.fromkeys(agent for task in own["tasks"].values() for agent in task)
+    every = list(own["tasks"].items())
+    across = min(3, len(every))
+    down = -(-len(every) // across)
+    figure = figure_of(SIZE[0], 0.4 + 2.0 * down, layout="constrained")
+    panels = figure.subplots(down, across, squeeze=False, sharey=True).ravel()
+    figure.suptitle(title)
+    for axes, (task, of_task) in zip(panels, every, strict=False):
+        axes.set_title(task, fontsize="small")
+        for k, agent in enumerate(agents):
+            points = [point for point in of_task.get(agent, {}).get("curve", ()) if "mean" in point]
+            ink, dash = look(k)
+            steps = [point["steps"] / 1e6 for point in points]
+            axes.plot(steps, [point["mean"] for point in points], color=ink, linestyle=dash, label=agent)
+            if points and "low" in points[0]:
+                ends = ([point.get(key, point["mean"]) for point in points] for key in ("low", "high"))
+                axes.fill_between(steps, *ends, color=ink, alpha=0.16, linewidth=0)
+        axes.set(ylim=(0, 1), xlabel="million agent-steps")
+    for axes in panels[len(every) :]:
+        axes.axis("off")
+    panels[0].set_ylabel("games won")
+    panels[0].legend(frameon=False, fontsize="x-small")
+    return figure

@@ -1,10 +1,10 @@
-"""The tasks: games of training and of tests, and budgets of both. Does not need PyTorch.
+"""The tasks: the games of training, validation and test, and the numbers of the protocol. Does not need PyTorch.
 
 A name never changes meaning: a task whose game has changed gets another version, and a test pins each game.
 """
 
 import functools
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,18 +12,24 @@ import numpy as np
 
 from outlast.ecs.declarations.distributions import Distribution, integers, uniform
 from outlast.ecs.kernels.errors import did_you_mean
+from outlast.envs.scenarios.hide_and_seek import HIDE_SMALL
 from outlast.envs.scenarios.scenario import Scenario
-from outlast.envs.scenarios.variants import VARIANTS, variant
+from outlast.envs.scenarios.variants import variant
 from outlast.systems import Behaviour, Lidar, Maze, Pillars, Rooms
 
 from ..base.errors import TrainingError
 
-PROTOCOL = 1  # version of the format of results and of the protocol
-BUDGETS = {"10M": 10_000_000, "100M": 100_000_000}  # agent-steps of training, by track
-RESPONSE = 5_000_000  # agent-steps of training of a best response
-GAMES = 320  # games of a match, each in a world of its own
-SEEDS = range(2**62, 2**62 + 64)  # seeds of the worlds of tests, one for each game of a match
+PROTOCOL = 2  # version of the protocol, and of all files of results
+BUDGETS = {"1M": 1_000_000, "10M": 10_000_000, "100M": 100_000_000}  # agent-steps of training, by track
+CHECKPOINTS = 5  # candidates of each training, after equal shares of it
+GAMES = 320  # games of a test, each in a world of its own; a validation has a tenth
+RESPONSES = (5_000_000, 20_000_000, 80_000_000)  # agent-steps of best responses
+TEST_SEEDS = range(2**62, 2**62 + 64)  # of worlds, one for each game of a task
+VALIDATION_SEED = 2**62 + 64  # of the worlds of validations
+SITUATION_SEED = TEST_SEEDS[-1]  # of the worlds of situations
 LIDAR = Lidar(rays=16, depth=10.0)
+TRAINED = "trained"  # the game of training, as a test
+STYLES = ("random", "scripted", "camper", "hunter", "hoarder", "healer")  # opponents in the survival game
 
 
 @dataclass(frozen=True)
@@ -31,7 +37,7 @@ class TaskGame:
     """A game that agents are tested in.
 
     Attributes:
-        name: "trained" for the game of training; otherwise the difference from it.
+        name: TRAINED for the game of training; otherwise the difference from it.
         scenario: The game: observations have the same shape in all games of a task.
         given: Numbers of the worlds in turn, by name: counts within the capacity of `scenario`, instead of drawn ones.
         seed: Seed of the worlds, the same for all agents.
@@ -51,18 +57,28 @@ class TaskGame:
 class Task:
     """A task.
 
-    name: Name and version: "ffa_2-v1". games: Games of the tests: first the game of training and then, in tasks of
-    generalisation, games outside of training.
+    Attributes:
+        name: Name and version: "ffa_2-v2".
+        about: One line for tables.
+        scenario: The game of training.
+        validation: The game by which checkpoints are chosen: that of training, or between it and those of the test.
+        tests: The games of the test: first that of training, then, in tasks of generalisation, games outside of it.
+        styles: Opponents without training.
+        mates: Whether agents have team-mates.
     """
 
     name: str
     about: str
     scenario: Scenario
-    games: tuple[TaskGame, ...]
+    validation: TaskGame
+    tests: tuple[TaskGame, ...]
+    styles: tuple[str, ...]
+    mates: bool
 
-    def game(self, name: str) -> TaskGame:
-        """Return the game of that name."""
-        return next(game for game in self.games if game.name == name)
+    @property
+    def games(self) -> tuple[TaskGame, ...]:
+        """All games: of the tests, and of the validation."""
+        return (*self.tests, self.validation)
 
 
 def task_of(name: str) -> Task:
@@ -74,13 +90,8 @@ def task_of(name: str) -> Task:
 
 
 def track_of(budget: int, games: int = GAMES) -> str:
-    """Return the track of a budget of agent-steps and matches of `games` games; empty if it belongs to no track."""
+    """Return the track of a budget of agent-steps and tests of `games` games; empty if it belongs to no track."""
     return next((name for name, steps in BUDGETS.items() if (budget, games) == (steps, GAMES)), "")
-
-
-def response_steps(budget: int) -> int:
-    """Return the agent-steps of training of a best response: those of the protocol, or the budget if smaller."""
-    return min(RESPONSE, budget)
 
 
 def check_training_seed(seed: int) -> None:
@@ -88,35 +99,45 @@ def check_training_seed(seed: int) -> None:
 
     Raises TrainingError.
     """
-    if seed >= SEEDS.start:
+    if seed >= TEST_SEEDS.start:
         raise TrainingError(
             f"seed {seed}: seeds from 2**62 on are reserved for the worlds of tests, which training must not use; "
             "take a smaller one"
         )
 
 
-def _task(name: str, about: str, trained: Scenario, outside: dict[str, Any] | None = None) -> Task:
-    """Return a task of version 1.
-
-    outside: By name, a Scenario, or (Scenario, numbers) with numbers that worlds are given.
-    """
-    found = {"trained": trained} | (outside or {})
-    games = []
-    for seed, (name_of_game, entry) in zip(SEEDS, found.items(), strict=False):
-        scenario, given = entry if isinstance(entry, tuple) else (entry, {})
-        described = scenario.with_(Behaviour()).titled_as(scenario)  # only measures
-        games.append(TaskGame(name_of_game, described, tuple(given.items()), seed))
-    return Task(f"{name}-v1", about, trained, tuple(games))
+Game = Scenario | tuple[Scenario, Mapping[str, tuple[int, ...]]]  # with numbers that worlds are given
 
 
-def _mended() -> Iterator[Task]:
-    for name, ablations in (
-        ("ffa_2", "health_cap+bounty+steering"),
-        ("ffa_3", "health_cap+bounty+steering"),
-        ("teams_2", "health_cap+team_share+bounty+steering"),
-        ("teams_3", "health_cap+team_share+bounty+steering"),
-    ):
-        yield _task(f"{name}-mended", f"{name} without the flaws of the paper's game", variant(f"{name}+{ablations}"))
+def _task(
+    name: str,
+    about: str,
+    trained: Scenario,
+    outside: Mapping[str, Game] | None = None,
+    validation: Game | None = None,
+    styles: tuple[str, ...] = STYLES,
+) -> Task:
+    """Return a task of this version. outside: Games of the test outside of training, by name."""
+    found: dict[str, Game] = {TRAINED: trained, **(outside or {})}
+    tests = (_game(*entry, seed) for seed, entry in zip(TEST_SEEDS, found.items(), strict=False))
+    agents = trained.numbers()["agents_count"]
+    mates = agents > trained.numbers().get("teams_count", agents)
+    chosen_by = _game("validation", validation or trained, VALIDATION_SEED)
+    return Task(f"{name}-v2", about, trained, chosen_by, tuple(tests), styles, mates)
+
+
+def _game(name: str, game: Game, seed: int) -> TaskGame:
+    scenario, given = game if isinstance(game, tuple) else (game, {})
+    measured = scenario.with_(Behaviour()).titled_as(scenario) if "safe_zone" in scenario else scenario
+    return TaskGame(name, measured, tuple(given.items()), seed)
+
+
+def _survival() -> Iterator[Task]:
+    for name in ("ffa_2", "ffa_3", "teams_2", "teams_3"):
+        scenario = variant(name)
+        yield _task(name, scenario.about, scenario)
+    mended = variant("teams_3+health_cap+team_share+bounty+steering")
+    yield _task("teams_3-mended", "teams_3 without the flaws of the paper's game", mended)
 
 
 def _generalisation() -> Iterator[Task]:
@@ -124,32 +145,39 @@ def _generalisation() -> Iterator[Task]:
     trained = {"melee_damage": integers(5, 15), "safe_zone_damage": integers(1, 3), "steering_speed": uniform(4.0, 6.0)}
     changes: dict[str, dict[str, Distribution]] = {
         "strong blows": {"melee_damage": integers(25, 40)},
-        "harsh zone": {"safe_zone_damage": integers(5, 10)},
+        "harsh zone": {"safe_zone_damage": integers(6, 10)},
         "slow agents": {"steering_speed": uniform(2.0, 3.0)},
+    }
+    between = {
+        "melee_damage": integers(16, 24),
+        "safe_zone_damage": integers(4, 5),
+        "steering_speed": uniform(3.0, 4.0),
     }
     yield _task(
         "numbers",
         "numbers that vary, tested beyond their ranges",
         duel.vary(**trained),
         {name: duel.vary(**(trained | change)) for name, change in changes.items()},
+        duel.vary(**(trained | between | {"steering_speed": uniform(3.0, 4.0)})),
     )
     # Policies change sides from world to world, so each number of boxes occurs twice: each side plays both.
-    items, few = variant("ffa_3"), {"heals_count": (1, 2, 3), "boxes_count": (1, 1, 2, 2)}
+    items = variant("ffa_3")
+    every = items.vary(n_heals=integers(1, 15), n_boxes=integers(1, 8))
     yield _task(
         "counts",
         "many heals and boxes, tested with few",
         items.vary(n_heals=integers(8, 15), n_boxes=integers(4, 8)),
-        {"few items": (items.vary(n_heals=integers(1, 15), n_boxes=integers(1, 8)), few)},
+        {"few items": (every, {"heals_count": (1, 2, 3), "boxes_count": (1, 1, 2, 2)})},
+        (every, {"heals_count": (4, 5, 6), "boxes_count": (3,)}),
     )
     crowd = variant("ffa_2").replace(n_agents=6)
+    few = crowd.vary(n_agents=integers(2, 6))
     yield _task(
         "agents",
-        "crowds of four to six, tested with two and three",
+        "crowds of four to six, tested with two",
         crowd.vary(n_agents=integers(4, 6)),
-        {
-            "two agents": (crowd.vary(n_agents=integers(2, 6)), {"agents_count": (2,)}),
-            "three agents": (crowd.vary(n_agents=integers(2, 6)), {"agents_count": (3,)}),
-        },
+        {"two agents": (few, {"agents_count": (2,)})},
+        (few, {"agents_count": (3,)}),
     )
     open_floor = variant("ffa_2").with_(LIDAR)
     small, large = integers(2, 4), integers(6, 8)
@@ -162,11 +190,12 @@ def _generalisation() -> Iterator[Task]:
             "rooms": open_floor.with_(Rooms(columns=3, rows=3)),
             "pillars": open_floor.with_(Pillars(count=12)),
         },
+        open_floor.with_(Maze(blocks=100, columns=5, rows=5)),
     )
 
 
 @functools.cache
 def tasks() -> dict[str, Task]:
     """Return all tasks, by name."""
-    variants = (_task(name, scenario.about, scenario) for name, scenario in VARIANTS.items())
-    return {task.name: task for found in (variants, _mended(), _generalisation()) for task in found}
+    hide = _task("hide_small", HIDE_SMALL.about, HIDE_SMALL, styles=("random", "scripted"))
+    return {task.name: task for task in (*_survival(), hide, *_generalisation())}

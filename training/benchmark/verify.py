@@ -1,40 +1,37 @@
-"""Verification: every match is played again from its recording, bit for bit, and compared with the result."""
+"""Verification: what a result claims is compared with its files, and every match is played again, action by action."""
 
+import itertools
 import json
-import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 from outlast.envs.errors import RecordingError, UsageError
 
 from ..arena.players import Contender
 from ..base.errors import TrainingError
 from ..base.processes import results
-from . import crossplay, scores
-from .games import repeat
-from .kept import SHORT, find
-from .matches import digest
-from .policy_facts import described, wrong_with_response
-from .result import BEST, RESPONSE, SELF, Content, Result, read_json
-from .suite import SuiteOpponent, missing, other_games, suite
-from .tasks import Task, TaskGame, task_of
+from . import scores
+from .entry import Entry, chosen, game_of, seats, situated
+from .games import Moves, digest, play
+from .manifest import Manifest, read
+from .policy_facts import SAME, agent_config, described, likeness, response_config, wrong_with_training
+from .result import NUMBERS, SELF, Content, Pairing, Result, read_json
 
-NEAR = 1e-4  # relative: smaller differences are equal, since machines round sums differently
+NEAR = 1e-4  # relative: smaller differences of figures are equal, since machines round sums differently
 # Share of a saved policy's actions that may differ where another machine rounds otherwise, beside a few. For the
-# policies of matches.ROUNDING it is at most 1.3e-6; a search for actions to alter finds 5e-5.
+# policies of games.ROUNDING it is at most 1.3e-6; a search for actions to alter finds 5e-5.
 SHARE, FEW = 5e-6, 3
 
 
 @dataclass(frozen=True)
 class Verification:
-    """A finding about a match, an entry or a cross-play.
+    """A finding about a match, an entry, or scores.
 
     Attributes:
-        what: "ffa_2-v1 fast/0, trained against scripted".
+        what: "fast ffa_2-v2 0, trained against scripted".
         wrong: Contradiction with the result; empty if it has none.
         missing: Parts that could not be verified, since files are missing; empty if all were.
         differing: Number of actions within rounding of the choices of saved policies.
@@ -71,172 +68,196 @@ class Verification:
 Check = Callable[[], Verification]  # can be pickled
 
 
-def verify(place: Path, at_once: int = 1) -> Iterator[Verification]:
-    """Verify all results in a folder, and yield the findings: of matches and then of their entries and tasks.
+def verify(folder: Path, at_once: int = 1, only: str = "") -> Iterator[Verification]:
+    """Verify the results of a manifest, and yield the findings: of matches, and then of their entries; and of scores.
 
-    place: A folder of results, or a folder in it, such as that of an entry. at_once: Number of processes. Raises
-    TrainingError: it has no results, or they cannot be read.
+    folder: A folder of results. at_once: Number of processes. only: The beginning of the names of entries, such as
+    "fast ffa_2-v2"; "": all. Raises TrainingError: it has no results, or they cannot be read.
     """
-    plans: list[list[Check]] = []
-    for own in scores.by_budget(place).values():
-        for folder, entries in scores.task_folders(own).items():
-            plans += [checks(entry) for entry in entries]
-            plans.append(cross_checks(folder, find(folder), [entry.name for entry in entries]))
+    manifest = read(folder)
+    entries = [each for own in manifest.entries() if str(each := Entry(manifest, *own)).startswith(only)]
+    if not entries:
+        raise TrainingError(f"{folder} has no entry that begins with {only!r}: name AGENT TASK SEED")
+    plans = [checks(entry) for entry in entries]
     found = results([check for plan in plans for check in plan], at_once)
-    for plan in filter(None, plans):
+    for plan in plans:
         first, matches = next(found), []
         for match in islice(found, len(plan) - 1):
             matches.append(match)
             yield match
         yield first.of(matches)
-    if (place / scores.NAME).exists():
-        yield _of_scores(place)
+    yield from _twins(manifest, entries)
+    if (folder / scores.NAME).exists():
+        yield _of_scores(manifest)
 
 
-def _of_scores(place: Path) -> Verification:
+def _twins(manifest: Manifest, entries: Sequence[Entry]) -> Iterator[Verification]:
+    """Find seeds of an agent in a task that are one training: their interval would not cover other trainings."""
+    for (agent, task), group in itertools.groupby(entries, key=lambda entry: (entry.name, entry.task.name)):
+        if manifest.agents[agent].function:
+            continue
+        of_seed = {entry.seed: entry.manifest.result(agent, entry.task, entry.seed) for entry in group}
+        twins = [
+            f"{one} and {other}"
+            for one, other in itertools.combinations(of_seed, 2)
+            if _is_twin(of_seed[one], of_seed[other])
+        ]
+        if twins:
+            yield Verification(f"{agent} {task}", f"seeds {twins[0]} are one training")
+
+
+def _is_twin(one: Result, other: Result) -> bool:
+    policies = [own.content["policy"] for own in (one, other)]
+    if None in policies:
+        return False
+    if policies[0]["digest"] == policies[1]["digest"]:
+        return True
+    paths = [own.policy() for own in (one, other)]
+    return all(path.exists() for path in paths) and likeness(*paths) > SAME
+
+
+def _of_scores(manifest: Manifest) -> Verification:
     """Compare the scores beside the results with those that follow from the results."""
-    what = str(place / scores.NAME)
-    try:
-        same = json.loads(json.dumps(scores.scores(place))) == read_json(place / scores.NAME, lambda content: "")
-    except TrainingError as error:
-        return Verification(what, missing=str(error))
-    return Verification(what, "" if same else "the results have other scores: run `outlast benchmark score` again")
+    path = manifest.folder / scores.NAME
+    same = json.loads(json.dumps(scores.scores([manifest]))) == read_json(path, lambda content: "")
+    return Verification(str(path), "" if same else "the results have other scores: run `outlast benchmark score` again")
 
 
-def checks(entry: Result) -> list[Check]:
-    """Return the checks of an entry, each with one finding: games and policies first, then matches."""
-    content, name = entry.content, f"{entry.content['task']} {entry.name}"
+def checks(entry: Entry) -> list[Check]:
+    """Return the checks of an entry, each with one finding: the entry itself first, then situations and matches."""
     try:
-        task = task_of(content["task"])
-        members = {member.name: member for member in suite(task)}
-        own = _wrong_with_entry(entry, task), _missing_of_entry(entry, task, members)
+        result = entry.manifest.result(entry.name, entry.task, entry.seed)
+        own = _wrong_with_entry(entry, result), _missing_of_entry(entry, result)
     except TrainingError as error:
-        return [partial(Verification, name, str(error))]
-    found: list[Check] = [partial(Verification, name, *own)]
-    for match in entry.matches:
-        what = f"{name}, {match['game']} against {match['against']}"
-        found.append(partial(_of_match, what, entry.recording(match), _of_entry, entry, match, task, members))
+        return [partial(Verification, str(entry), str(error))]
+    found: list[Check] = [partial(Verification, str(entry), *own)]
+    found += [partial(_of_match, entry, result, pairing) for pairing in result.matches]
+    if result.content["situations"]:
+        found.append(partial(_of_situations, entry, result))
     return found
 
 
-def cross_checks(folder: Path, entries: Sequence[Result], chosen: Collection[str]) -> list[Check]:
-    """Return the checks of a task's cross-play, each with one finding: first the cross-play, then its matches.
-
-    entries: All entries of the task. chosen: Names of entries, whose matches are checked.
-    """
-    try:
-        task = task_of(folder.name)
-    except TrainingError:  # the checks of the entries report it
-        return []
-    by_name = {entry.name: entry for entry in entries}
-    pairs = [(one.name, other.name) for one, other in crossplay.pairs(entries)]
-    known, found, absent = crossplay.load(folder), list[Check](), ""
-    wanted = [pair for pair in dict.fromkeys([*known, *pairs]) if not {*pair}.isdisjoint(chosen)]
-    for one, other in wanted:
-        if (match := known.get((one, other))) is None:
-            absent = f"{one} has not played against {other}: run `outlast benchmark score`"
-            continue
-        what, path = f"{folder.name} {one} against {other}", crossplay.recording(folder, match)
-        if gone := [name for name in (one, other) if name not in by_name]:
-            found.append(partial(Verification, what, missing=f"the entry {gone[0]} is not here"))
-        else:
-            found.append(partial(_of_match, what, path, _of_cross, task, match, path, by_name[one], by_name[other]))
-    all_of_it = partial(Verification, f"{folder.name}, cross-play", missing=absent)
-    return [all_of_it, *found] if wanted else []
+def _missing_of_entry(entry: Entry, result: Result) -> str:
+    """Return the parts of an entry that are missing; empty if it is complete."""
+    content = result.content
+    if content["policy"] is None:
+        return "it has not been run"
+    if absent := [pairing for pairing in entry.planned if pairing not in result.matches]:
+        return f"{absent[0]} has not been played"
+    if entry.agent.function:
+        return "a function of the user's is not executed: nobody can tell whether it chose these actions"
+    candidates = range(len(content["candidates"]) if len(content["candidates"]) > 1 else 0)
+    files = [result.policy(), *map(result.policy, candidates), *map(result.response, content["responses"])]
+    gone = [path.name for path in files if not path.exists()]
+    return f"{gone[0]} is missing" if gone else ""
 
 
-def _of_match(what: str, recording: Path, judge: Callable[..., Verification], *arguments: Any) -> Verification:
-    """Return the finding about a match. judge: Returns it without `what`."""
-    if not recording.exists():
-        return Verification(what, missing="its recording is not here")
-    try:
-        return replace(judge(*arguments), what=what)
-    except (RecordingError, UsageError) as error:
-        return Verification(what, str(error))
-
-
-def _missing_of_entry(entry: Result, task: Task, members: Iterable[str]) -> str:
-    """Return the parts of an entry that are missing for its verification; empty if it is complete."""
-    if not entry.policy.exists():
-        return f"{entry.policy.name} is missing, so its choices were not compared"
-    absent = missing(entry, task, members)
-    return f"it has not played {absent[0][1]} in the game '{absent[0][0]}'" if absent else ""
-
-
-def _wrong_with_entry(entry: Result, task: Task) -> str:
-    """Return the fault in the games and the policies of an entry; empty if they are valid."""
-    content = entry.content
-    if other := other_games(content, task):
-        return other
-    for key, path in (("policy", entry.policy), ("response", entry.folder / RESPONSE)):
-        given, name = content[key], path.name
+def _wrong_with_entry(entry: Entry, result: Result) -> str:
+    """Return the fault in the policies and the plan of an entry; empty if they are valid."""
+    content, task = result.content, entry.task
+    scores.check_planned(entry.manifest, result, task)
+    count, trained = len(content["candidates"]), entry.agent.trained
+    if content["policy"] is None or entry.agent.function:
+        return ""
+    if count != entry.manifest.candidates(entry.agent):
+        return f"it has {count} candidates: {entry.manifest.candidates(entry.agent)} are planned"
+    best = chosen(result)
+    if content["policy"] != content["candidates"][best]:
+        return f"its policy is not candidate {best}, which won most games in the validation"
+    facts = [(result.policy(), content["policy"])]
+    facts += [(result.policy(k), own) for k, own in enumerate(content["candidates"])]
+    facts += [(result.response(name), own) for name, own in content["responses"].items()]
+    for path, given in facts:
         if not path.exists():
             continue
-        if given is None or digest(path) != given["digest"]:
-            return f"{name} is not the file that was tested"
+        if digest(path) != given["digest"]:
+            return f"{path.name} is not the file that was tested"
         for what, found in described(path, task).items():
             if given[what] != found:
-                return f"{what} of {name} is {given[what]} in the result, but {found} in the file"
-        if key == "response" and (wrong := wrong_with_response(path, task, content["seed"], content["budget"])):
-            return wrong
+                return f"{what} of {path.name} is {given[what]} in the result, but {found} in the file"
+    own = entry.manifest.content
+    if trained:
+        config = agent_config(task, entry.agent, entry.seed, own["budget"], own["checkpoints"], 1)
+        for k in range(count):
+            least = min(config.steps, config.every * (k + 1))
+            if (path := result.policy(k)).exists() and (fault := wrong_with_training(path, config, least)):
+                return fault
+    for name in content["responses"]:
+        kind, steps = name.split()
+        if (path := result.response(name)).exists() and result.policy().exists():
+            config = response_config(task, entry.seed, kind, entry.responses.get(kind, int(steps)), result.policy())
+            if fault := wrong_with_training(path, config, int(steps), str(result.policy())):
+                return fault
     return ""
 
 
-def _of_entry(entry: Result, match: Content, task: Task, members: Mapping[str, SuiteOpponent]) -> Verification:
-    game = next((game for game in task.games if game.name == match["game"]), None)
-    if game is None:
-        return Verification("", f"{task.name} has no game '{match['game']}'")
-    own, against = _saved(entry.policy), match["against"]
-    if against == SELF:
-        return _of_games(game, [own], match, entry.recording(match))
-    if against == BEST:
-        known, other = (entry.content["response"] or {}).get("digest"), _saved(entry.folder / RESPONSE)
-    elif against in members:
-        known, other = members[against].digest, members[against].contender()
-    else:
-        return Verification("", f"the suite of {task.name} has no member {against}")
-    if match["opponent"] != known:
-        return Verification("", f"its opponent {against} is not the one of the suite or of the entry")
-    return _of_games(game, [own, other], match, entry.recording(match))
+def _of_situations(entry: Entry, result: Result) -> Verification:
+    what = f"{entry}, situations"
+    if not result.policy().exists():
+        return Verification(what, missing="its policy is missing, so nothing was compared")
+    given = result.content["situations"]
+    found = situated(entry.task, Contender(entry.name, str(result.policy())))
+    other = [name for name in given.keys() | found.keys() if abs(given.get(name, 9) - found.get(name, 9)) > 0.05]
+    return Verification(what, f"{other[0]}: {given.get(other[0])} there, {found.get(other[0])} here" if other else "")
 
 
-def _of_cross(task: Task, match: Content, path: Path, one: Result, other: Result) -> Verification:
-    if not crossplay.is_of(match, one, other):
-        return Verification("", "it was not played by the policies of the entries")
-    pair = [_saved(entry.policy) for entry in (one, other)]
-    return _of_games(task.games[0], pair, match, path)
+def _of_match(entry: Entry, result: Result, pairing: Pairing) -> Verification:
+    """Return the finding about a match, which is played again."""
+    found, path = Verification(f"{entry}, {pairing}"), result.folder / pairing.file
+    match = result.matches[pairing]
+    if not path.exists():
+        return replace(found, missing="its file is not here")
+    if digest(path) != match["moves"]:
+        return replace(found, wrong="its file is not the one that was made")
+    try:
+        own, absent = _agent(entry, result, pairing.candidate)
+        rivals = dict[str, str]()
+
+        def rival(name: str) -> Contender | None:
+            other = Entry(entry.manifest, name, entry.task, entry.seed)
+            its = entry.manifest.result(name, entry.task, entry.seed)
+            if its.content["policy"] is None or its.content["policy"]["digest"] != match["opponent"]:
+                raise RecordingError(f"its opponent is not the {name} of this seed")
+            policy, rivals[name] = _agent(other, its, -1)
+            return policy
+
+        policies = seats(result, entry.task, pairing, own, rival)
+        functions = [name for name in rivals if entry.manifest.agents[name].function]
+        absent = absent or next((fault for fault in rivals.values() if fault), "")
+        if absent and not (entry.agent.function or functions):
+            return replace(found, missing=absent)
+        game = game_of(entry.task, pairing.game)
+        played = play(game, policies, entry.manifest.games(pairing), Moves.read(path))
+    except FileNotFoundError as error:
+        return replace(found, missing=f"{Path(error.args[0]).name} is missing")
+    except (RecordingError, TrainingError, UsageError) as error:
+        return replace(found, wrong=str(error))
+    wrong = _wrong_with_outcome(match, played.outcome, pairing.against == SELF)
+    return replace(found, wrong=wrong, missing=absent, differing=played.differing, drawn=played.drawn)
 
 
-def _saved(path: Path) -> Contender | None:
-    """Return the policy in a file, whose digest has been compared; None without a file, as for a function."""
-    return Contender(path.stem, str(path)) if path.exists() else None
+def _agent(entry: Entry, result: Result, candidate: int) -> tuple[Contender | None, str]:
+    """Return the policy of an entry, and what is missing of it; None for a function, which is not executed."""
+    if entry.agent.function:
+        return None, "a function of the user's is not executed, so its choices were not compared"
+    path = result.policy(candidate)
+    if not path.exists():
+        return None, f"{path.name} is missing, so its choices were not compared"
+    return Contender(path.stem, str(path)), ""
 
 
-def _of_games(game: TaskGame, pair: list[Contender | None], match: Content, path: Path) -> Verification:
-    """Compare a match with its recording."""
-    if digest(path) != match["recording"]:
-        return Verification("", "its recording is not the file that was made")
-    missing = "a policy that played it is missing, so its choices were not compared" if None in pair else ""
-    if missing and path.suffix == SHORT:
-        return Verification("", missing=missing)
-    found = repeat(game, pair, match["games"], path)
-    return Verification("", _wrong_with_outcome(match, found.outcome), missing, found.differing, found.drawn)
-
-
-def _wrong_with_outcome(match: Content, outcome: Content) -> str:
-    """Return the contradiction between the recording of a match and the result; empty without one."""
-    for key in ("games", "won", "drawn", "lost"):
+def _wrong_with_outcome(match: Content, outcome: Content, figures: bool) -> str:
+    """Return the contradiction between a match that was played again and the result; empty without one."""
+    for key in NUMBERS:
         if outcome[key] != match[key]:
-            return f"{key} is {match[key]} in the result, but {outcome[key]} in the recording"
-    for figures, recorded in zip(match["figures"], outcome["figures"], strict=True):
-        for name in sorted(figures.keys() | recorded.keys()):
-            one, two = figures.get(name, (math.nan,)), recorded.get(name, (math.nan,))
-            if not _follows(one, two):
-                return f"{name} is {one[0]:g} in the result, but {two[0]:g} in the recording"
+            return f"{key} is {match[key]} in the result, but {outcome[key]} in its games"
+    found = outcome["figures"] if figures else {}
+    for name in sorted(match["figures"].keys() | found.keys()):
+        one, two = (own.get(name, "nothing") for own in (match["figures"], found))
+        if one != two and not (isinstance(one, list) and isinstance(two, list) and _near(one, two)):
+            return f"{name} is {one} in the result, but {two} in its games"
     return ""
 
 
-def _follows(given: Sequence[float], found: Sequence[float]) -> bool:
-    """Return whether a mean, and its error if there is one, agree with a recording."""
-    each = zip(given, found, strict=False)
-    return len(given) == len(found) and all(math.isclose(*pair, rel_tol=NEAR, abs_tol=1e-9) for pair in each)
+def _near(given: Sequence[float], found: Sequence[float]) -> bool:
+    return all(abs(a - b) <= max(1e-9, NEAR * max(abs(a), abs(b))) for a, b in zip(given, found, strict=True))

@@ -1,6 +1,7 @@
 """outlast benchmark: agents by one protocol; verifiable results, scores and tables."""
 
 import argparse
+import contextlib
 import functools
 import itertools
 import sys
@@ -17,86 +18,80 @@ from outlast.envs.text_table import terminal_width, text_table
 from ..base.config import TrainingConfig
 from ..base.errors import TrainingError, needed
 from ..base.files import check_out
-from ..base.hyperparameters import parse_hyperparameters
-from ..benchmark.tasks import BUDGETS, GAMES, task_of, tasks
+from ..benchmark.tasks import BUDGETS, GAMES, RESPONSES, task_of, tasks
 from ..runs.child_runs import MAIN, ChildRun, side_by_side
 from ..runs.live_view import LiveView
 
-OWN = ("agent", "seed", "jobs", "quiet")  # options that differ between several entries
 RESULTS = Path("benchmark")
 AGAIN = "stopped: run the same command again to continue"
+EFFECT = 0.05  # of scores, by default
 
 
 def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
     examples = [
         ("benchmark tasks", "list the tasks"),
-        (
-            "benchmark run ffa_2-v1 teams_2-v1 --agent fast --seed 0 1 2 3 4",
-            "train preset fast with five seeds, and play the games of the protocol",
-        ),
-        ("benchmark run ffa_2-v1 --agent mine=agents.py:make --seed 0 1", "enter agents of your own"),
-        ("benchmark score benchmark", "play the matches between all agents, and write the scores"),
-        ("benchmark verify benchmark", "play every recorded game again, and compare"),
-        ("benchmark table benchmark --out tables", "write the tables, as Markdown and CSV, and a figure"),
-        (
-            "benchmark situations teams_3-v1 --policies scripted runs/teams_3-fast-0",
-            "what agents can do, scene by scene",
-        ),
+        ("benchmark plan ffa_2-v2 teams_2-v2 --agent fast --seed 0 1 2 3 4 --out mine", "say what will be run"),
+        ("benchmark run mine", "train, choose checkpoints, and play all matches of the plan"),
+        ("benchmark score mine", "write the scores"),
+        ("benchmark verify mine", "play every match again, action by action"),
+        ("benchmark pack mine --out mine.zip", "put an entry into one file, to hand it in"),
+        ("benchmark check mine.zip", "do all that a maintainer does before accepting it"),
+        ("benchmark table mine other.zip --out tables", "write the tables, as Markdown and CSV, and figures"),
+        ("benchmark situations teams_3-v2 --policies scripted runs/teams_3-fast-0", "what agents can do"),
+        ("benchmark people games.rec --agent you --out mine", "where a person stands, by games of `outlast play`"),
     ]
     description = (
-        "Compare agents by the protocol of docs/evaluating.md: tasks that never change, fixed budgets of training, and "
-        "games in worlds that are not used in training. All games are recorded, so that the results can be verified. "
-        "ACTION is one of: tasks, to list the tasks; run, to train agents and play their games; score, to play all "
-        "agents against each other and compute scores; verify, to play all recorded games again; table, to write "
-        "tables; situations, to try policies in small scenes with a known solution; anchors, to make the rated "
-        "opponents of a task. The help of an option begins with the actions that take it."
+        "Compare agents by the protocol of docs/benchmark.md: tasks that never change, a plan before the first result, "
+        "and games in worlds that no training uses. ACTION is one of: tasks, to list the tasks; plan, to write the "
+        "manifest; run, to do what it says; score, to compute scores; verify, to play all matches again; pack, to put "
+        "results into an archive; check, to verify an archive that is handed in; table, to write tables; situations, "
+        "to try policies in small scenes with a known solution; people, to add games of people; anchors, to make the "
+        "rated opponents of a task. The help of an option begins with the actions that take it."
     )
     text = "compare agents by one protocol, with verifiable results"
     command = commands.add_parser("benchmark", help=text, description=description, examples=examples)
     command.add_argument("action", choices=ACTIONS, metavar="ACTION", help=f"what to do: {', '.join(ACTIONS)}")
-    text = f"run: tasks, or all; score, verify, table: folders of results (default {RESULTS}); verify: also "
-    text += "folders in them, such as that of an agent; situations, anchors: a task"
+    text = "plan: tasks, or all; run, score, verify, pack, table: folders of results, or archives of them (default "
+    text += f"{RESULTS}); check: archives; situations, anchors: a task; people: recordings"
     command.add_argument("names", nargs="*", metavar="NAME", help=text)
-    text = "run: an agent, which is a preset of `outlast train`, trained first; or NAME=SOURCE, where SOURCE is a "
-    text += "preset, the folder of a run, FILE.zip, FILE.safetensors or FILE.py:FUNCTION, and {task} and {seed} in it "
-    text += "stand for those of the entry (can be repeated)"
-    command.add_argument("--agent", action="append", default=[], metavar="AGENT", help=text)
-    text = "run: seeds of training; each is an entry of its own (default 0)"
-    command.add_argument("--seed", type=seed, nargs="+", default=[0], help=text)
-    steps = " and ".join(f"{steps:,}" for steps in BUDGETS.values())
-    text = f"run: agent-steps of training; the two tracks have {steps} (default 10e6)"
-    command.add_argument("--budget", type=positive, default=BUDGETS["10M"], metavar="N", help=text)
-    text = f"run, anchors: games of each match (default {GAMES}, as in both tracks)"
-    command.add_argument("--games", type=_games, default=GAMES, metavar="N", help=text)
+    plan, protocol, files, machine = map(command.group, ("the plan", "the protocol", "output", "machine"))
+    text = "plan: an agent, which is a preset of `outlast train`, trained first; or NAME=SOURCE, where SOURCE is a "
+    text += "preset, the folder of a run, FILE.zip, FILE.safetensors or FILE.py:FUNCTION, and {task}, {game} and "
+    text += "{seed} in it stand for those of the entry (can be repeated); people: the name of the person"
+    plan.add_argument("--agent", action="append", default=[], metavar="AGENT", help=text)
+    text = "plan: seeds of training; each is an entry of its own (default 0 1 2 3 4, as ratings need five)"
+    plan.add_argument("--seed", type=seed, nargs="+", default=[0, 1, 2, 3, 4], help=text)
+    steps = ", ".join(f"{steps:,}" for steps in BUDGETS.values())
+    text = f"plan: agent-steps of training; the tracks have {steps} (default 10e6)"
+    protocol.add_argument("--budget", type=positive, default=BUDGETS["10M"], metavar="N", help=text)
+    text = f"plan, anchors: games of each test (default {GAMES}, as in all tracks)"
+    protocol.add_argument("--games", type=_games, default=GAMES, metavar="N", help=text)
+    text = "plan: agent-steps of best responses to the first seed, or none (default 5e6 20e6 80e6)"
+    protocol.add_argument("--responses", type=_responses, nargs="+", default=[*RESPONSES], metavar="N", help=text)
+    text = "plan: two agents to compare, as in fast,mine (can be repeated)"
+    plan.add_argument("--pair", action="append", default=[], metavar="ONE,OTHER", help=text)
+    text = f"plan: the smallest difference of scores that matters (default {EFFECT})"
+    plan.add_argument("--effect", type=float, default=EFFECT, metavar="X", help=text)
     trained = ("settings", "memory", "opponents")
-    add_options(command, TrainingConfig, trained, "run, of a preset: ", opponents={"default": None})
-    text = "anchors: checkpoints, or folders of runs, of which those at 10, 30 and 100 %% of the run are taken; "
-    text += "situations: names of policies, saved policies, or folders of runs, of which the newest are taken"
-    command.add_argument("--policies", type=Path, nargs="+", default=[], metavar="PATH", help=text)
-    text = (
-        f"run: folder for results (default {RESULTS}); table: for tables (default: that of the results); anchors: for "
-    )
-    command.add_argument("--out", type=output(check_out), metavar="FOLDER", help=f"{text}the anchors")
-    text = "table: also keep what is small enough to publish in this folder: the numbers of all results, and of each "
-    text += "agent's first seed the policy and its games against itself"
-    command.add_argument("--keep", type=output(check_out), metavar="FOLDER", help=text)
-    text = "run: entries that run at the same time; score, verify: matches (default: cores)"
-    command.add_argument("--jobs", type=positive, metavar="N", help=text)
+    add_options(command, TrainingConfig, trained, "plan, of a preset: ", opponents={"default": None})
+    text = "anchors: checkpoints; situations: names of policies, saved policies, or folders of runs, of which the "
+    text += "newest are taken"
+    protocol.add_argument("--policies", type=Path, nargs="+", default=[], metavar="PATH", help=text)
+    text = f"plan, people: folder of results (default {RESULTS}); table, anchors: folder; pack: file"
+    files.add_argument("--out", type=output(check_out), metavar="PATH", help=text)
+    text = "run, verify: only entries whose names begin so, as in 'fast ffa_2-v2 0'"
+    files.add_argument("--only", default="", metavar="ENTRY", help=text)
+    text = "pack: leave out what is too large to publish: candidates, best responses, and policies of other seeds"
+    files.add_argument("--small", action="store_true", help=text)
+    text = "run: entries that run at the same time; verify, check: matches (default: cores)"
+    machine.add_argument("--jobs", type=positive, metavar="N", help=text)
     text = "run: threads of the training of each entry (default: cores, at most 4; of several entries 1)"
-    command.add_argument("--threads", type=positive, metavar="N", help=text)
-    text = "verify: take matches for verified whose files or policies are not here, as in a copy that --keep made"
-    command.add_argument("--allow-missing", action="store_true", help=text)
-    text = "run, score, verify, situations, anchors: show no progress"
-    command.add_argument("--quiet", action="store_true", help=text)
-    command.arrange(
-        {
-            "entries": ("--agent", "--seed", "--opponents", "--ppo", "--memory", "--policies"),
-            "the protocol": ("--budget", "--games"),
-            "output": ("--out", "--keep", "--allow-missing", "--quiet"),
-            "machine": ("--jobs", "--threads"),
-        }
-    )
+    machine.add_argument("--threads", type=positive, metavar="N", help=text)
+    text = "verify: take matches for verified whose files or policies are not here, as in what --small made"
+    files.add_argument("--allow-missing", action="store_true", help=text)
+    text = "run, verify, check, situations, anchors: show no progress"
+    files.add_argument("--quiet", action="store_true", help=text)
     command.set_defaults(run=functools.partial(run, command))
 
 
@@ -106,11 +101,11 @@ def run(command: Parser, options: argparse.Namespace) -> int:
     given = [name for name, value in vars(options).items() if value != command.get_default(name)]
     if unused := [name for name in given if name not in ("action", "names", "run", *allowed)]:
         raise TrainingError(f"--{unused[0]} has no effect on benchmark {options.action}: leave it out")
-    options.out, options.keep = (each and Path(each) for each in (options.out, options.keep))
+    options.out = options.out and Path(options.out)
     if options.action != "tasks":
         with needed("train", f"benchmark {options.action} needs"):
             import torch  # noqa: F401  # all else plays policies
-    return action(options, command)
+    return action(options)
 
 
 def _games(text: str) -> int:
@@ -120,62 +115,105 @@ def _games(text: str) -> int:
     return number
 
 
-def _tasks(options: argparse.Namespace, command: Parser) -> int:
+def _responses(text: str) -> int:
+    return 0 if text == "none" else int(positive(text))
+
+
+def _tasks(options: argparse.Namespace) -> int:
     """List the tasks."""
     if options.names:
         raise TrainingError(f"benchmark tasks lists all: leave out {options.names[0]}")
     rows = []
     for task in tasks().values():
-        tested = ", ".join(game.name for game in task.games[1:])
+        tested = ", ".join(game.name for game in task.tests[1:])
         rows.append((task.name, task.about + (f" ({tested})" if tested else "")))
     print(text_table(rows, width=terminal_width()))
     return 0
 
 
-def _run(options: argparse.Namespace, command: Parser) -> int:
-    """Run the entries: one in this process, several side by side."""
+def _plan(options: argparse.Namespace) -> int:
+    """Write the manifest."""
+    from ..benchmark import manifest
     from ..benchmark.agents import Agent
-    from ..benchmark.entry import Entry
 
     if not options.names or not options.agent:
-        raise TrainingError("benchmark run needs tasks and agents, as in: benchmark run ffa_2-v1 --agent fast")
-    settings = {
-        "opponents": options.opponents,
-        "memory": options.memory,
-        "settings": parse_hyperparameters(options.ppo),
-    }
-    given = {name: value for name, value in settings.items() if value}
-    agents = [Agent.of(text, given) for text in options.agent]
-    for agent in agents:
-        agent.check_seeds(options.seed)
+        raise TrainingError("benchmark plan needs tasks and agents, as in: benchmark plan ffa_2-v2 --agent fast")
+    settings = {"opponents": options.opponents, "memory": options.memory, "settings": options.ppo}
+    agents = [Agent.of(text, {name: value for name, value in settings.items() if value}) for text in options.agent]
     chosen = [task_of(name) for name in (tasks() if options.names == ["all"] else options.names)]
-    out, threads = options.out or RESULTS, options.threads or 0
-    entries = [
-        Entry(task, agent, number, options.budget, options.games, out, threads)
-        for task, agent, number in itertools.product(chosen, agents, options.seed)
-    ]
-    if len({entry.folder for entry in entries}) < len(entries):
-        raise TrainingError("name each task, each agent and each seed once")
-    return _run_one(entries[0], options) if len(entries) == 1 else _run_several(entries, options, command)
+    numbers = {"budget": options.budget, "games": options.games, "effect": options.effect}
+    numbers["responses"] = sorted(steps for steps in options.responses if steps)
+    pairs = [tuple(text.split(",")) for text in options.pair]
+    made = manifest.write(options.out or RESULTS, chosen, agents, options.seed, pairs, **numbers)
+    print(f"{made.folder / manifest.NAME}: {_about(_entries(made), _jobs(options))}")
+    return 0
 
 
-def _about(entries: list[Any], at_once: int) -> str:
+def _entries(made: Any, only: str = "", threads: int = 0) -> list[Any]:
+    """Return the entries of a manifest whose names begin with a text."""
+    from ..benchmark.entry import Entry
+
+    entries = [Entry(made, agent, task, seed, threads) for agent, task, seed in made.entries()]
+    chosen = [entry for entry in entries if str(entry).startswith(only)]
+    if not chosen:
+        raise TrainingError(f"no entry begins with {only!r}: they are {', '.join(map(str, entries))}")
+    return chosen
+
+
+def _about(entries: Sequence[Any], at_once: int) -> str:
     """Return a summary of the work and its expected time."""
-    from ..benchmark.entry import estimate
-
-    matches = sum(len(entry.wanted) + entry.responds for entry in entries)
-    several = "entries" if len(entries) > 1 else "entry"
+    matches, seconds = sum(len(entry.planned) for entry in entries), sum(entry.seconds() for entry in entries)
+    several, at_once = "entries" if len(entries) > 1 else "entry", min(at_once, len(entries))
     return (
-        f"{len(entries)} {several}, {at_once} at a time: {matches:,} matches of {entries[0].games} games, about "
-        f"{duration(estimate(entries) / at_once)} on idle cores like those of docs/performance.md"
+        f"{len(entries)} {several}, {at_once} at a time: {matches:,} matches, about {duration(seconds / at_once)} on "
+        "idle cores like those of docs/performance.md"
     )
+
+
+class ChildEntry(ChildRun):
+    """An entry that runs in its own process."""
+
+    def __init__(self, entry: Any, threads: int) -> None:
+        """Take the threads of its training."""
+        super().__init__(entry.folder, [], resume=False)
+        self.entry = entry
+        words = ["run", str(entry.manifest.folder), f"--only={entry}", f"--threads={threads}", "--quiet"]
+        self.words = [sys.executable, "-m", MAIN, "benchmark", *words]
+
+    @property
+    def name(self) -> str:
+        """Return its name in messages."""
+        return str(self.entry)
+
+    def steps(self) -> int:
+        """Return the work done, judging by the files in its folder."""
+        return int(self.entry.done())
+
+
+def _run(options: argparse.Namespace) -> int:
+    """Run the entries: one in this process, several side by side; then the matches between agents."""
+    from ..benchmark import manifest
+
+    made = manifest.read(_place(options))
+    entries = _entries(made, options.only, options.threads or 0)
+    if len(entries) == 1:
+        return _run_one(entries[0], options)
+    at_once, total = min(_jobs(options), len(entries)), sum(entry.work for entry in entries)
+    for chosen in (entries, [entry for entry in entries if made.opponents(entry.name)]):
+        children = [ChildEntry(entry, options.threads or 1) for entry in chosen]
+        view = LiveView(
+            sum(each.done() for each in entries), total, quiet=options.quiet, about=_about(entries, at_once)
+        )
+        if children and (
+            status := side_by_side(children, at_once, view, lambda: sum(e.done() for e in entries), AGAIN)
+        ):
+            return status
+    return 0
 
 
 def _run_one(entry: Any, options: argparse.Namespace) -> int:
     from ..benchmark.entry import EntryRun
 
-    if options.jobs is not None:
-        raise TrainingError("--jobs has no effect on one entry: leave it out, or name several tasks, agents or seeds")
     view = LiveView(entry.done(), entry.work, quiet=options.quiet, about=_about([entry], 1))
 
     def progress(done: int, text: str) -> None:
@@ -189,42 +227,8 @@ def _run_one(entry: Any, options: argparse.Namespace) -> int:
         return STOPPED
     finally:
         view.close()
-    print(f"{len(found.matches)} matches in {found.folder}")
+    print(f"{len(found.matches)} of {len(entry.planned)} matches in {found.folder}")
     return 0
-
-
-class ChildEntry(ChildRun):
-    """An entry that runs in its own process."""
-
-    def __init__(self, entry: Any, common: Sequence[str]) -> None:
-        """Take the options that all entries have in common."""
-        super().__init__(entry.folder, [], resume=False)
-        self.entry, agent = entry, entry.agent
-        source = agent.name if agent.name == agent.source else f"{agent.name}={agent.source}"
-        words = ["run", entry.task.name, f"--agent={source}", f"--seed={entry.seed}", *common, "--quiet"]
-        self.words = [sys.executable, "-m", MAIN, "benchmark", *words]
-
-    @property
-    def name(self) -> str:
-        """Return its name in messages."""
-        return str(self.entry.name)
-
-    def steps(self) -> int:
-        """Return the work done, judging by the files in its folder."""
-        return int(self.entry.done())
-
-
-def _run_several(entries: list[Any], options: argparse.Namespace, command: Parser) -> int:
-    """Run the entries. Return the exit status: 0 for success, 130 if they were stopped."""
-    at_once = min(_jobs(options), len(entries))
-    common = command.words(options, leave_out=OWN) + (["--threads=1"] if options.threads is None else [])
-    children, total = [ChildEntry(entry, common) for entry in entries], sum(entry.work for entry in entries)
-
-    def done() -> int:
-        return sum(child.steps() for child in children)
-
-    view = LiveView(done(), total, quiet=options.quiet, about=_about(entries, at_once))
-    return side_by_side(children, at_once, view, done, AGAIN)
 
 
 def _jobs(options: argparse.Namespace) -> int:
@@ -232,68 +236,99 @@ def _jobs(options: argparse.Namespace) -> int:
     return int(options.jobs or available_cores())
 
 
-def _places(options: argparse.Namespace) -> list[Path]:
-    """Return the folders of results in the arguments."""
-    from ..benchmark import kept
-
-    places = [Path(name) for name in options.names] or [RESULTS]
-    if gone := [place for place in places if not place.is_dir() and not kept.above(place)]:
-        raise TrainingError(f"folder {gone[0]} does not exist: name a folder of results that `benchmark run` made")
-    return places
+def _place(options: argparse.Namespace) -> Path:
+    """Return the folder of results in the arguments."""
+    if len(options.names) > 1:
+        raise TrainingError(f"benchmark {options.action} takes one folder of results: leave out {options.names[1]}")
+    return Path(options.names[0]) if options.names else RESULTS
 
 
-def _score(options: argparse.Namespace, command: Parser) -> int:
-    """Play the cross-play that is missing, and write the scores."""
-    from ..benchmark import crossplay, scores
-    from ..benchmark.result import write_json
+def _score(options: argparse.Namespace) -> int:
+    """Write the scores. Return 2 if planned values are missing, otherwise 0."""
+    from ..benchmark import manifest, result, scores
 
-    for place in _places(options):
-        scores.scores(place)  # raises for incomplete results before hours of cross-play
-        folders = [pair for own in scores.by_budget(place).values() for pair in scores.task_folders(own).items()]
-        total = sum(len(crossplay.pairs(entries)) * entries[0].content["games"] for _, entries in folders)
-        with Progress(total, "games", quiet=options.quiet) as progress:
-            for folder, entries in folders:
-                crossplay.play_all(folder, entries, progress.add, _jobs(options))
-        found = scores.scores(place)
-        write_json(place / scores.NAME, found)
-        print(*scores.lines(found), place / scores.NAME, sep="\n")
-    return 0
+    place = _place(options)
+    found = scores.scores([manifest.read(place)])
+    result.write_json(place / scores.NAME, found)
+    print(*scores.lines(found), place / scores.NAME, sep="\n")
+    if gone := scores.absent(found):
+        print(f"{gone} planned values are missing: run `outlast benchmark run {place}`", file=sys.stderr)
+    return 2 if gone else 0
 
 
-def _verify(options: argparse.Namespace, command: Parser) -> int:
+def _verify(options: argparse.Namespace) -> int:
     """Verify. Return exit status 1 if anything is wrong, 2 if anything could not be verified, otherwise 0."""
+    from ..benchmark.archive import opened
     from ..benchmark.verify import verify
 
     fine, wrong, missing = "as recorded", "wrong", "not verified"
     counts = {fine: 0, wrong: 0, missing: 0}
-    for place in _places(options):
-        for found in verify(place, _jobs(options)):
-            kind = wrong if found.wrong else missing if found.missing else fine
-            counts[kind] += 1
-            if not options.quiet or kind == wrong or (kind == missing and not options.allow_missing):
-                print(found, flush=True)
+    for name in options.names or [RESULTS]:
+        with opened(Path(name)) as place:
+            for found in verify(place, _jobs(options), options.only):
+                kind = wrong if found.wrong else missing if found.missing else fine
+                counts[kind] += 1
+                if not options.quiet or kind == wrong or (kind == missing and not options.allow_missing):
+                    print(found, flush=True)
     print(f"{sum(counts.values())} checks:", ", ".join(f"{number} {name}" for name, number in counts.items()))
     if counts[missing] and not options.allow_missing:
         print("not all is verified: put the missing files back, or take --allow-missing", file=sys.stderr)
     return 1 if counts[wrong] else 2 if counts[missing] and not options.allow_missing else 0
 
 
-def _table(options: argparse.Namespace, command: Parser) -> int:
-    """Write the tables, and print their paths."""
-    from ..benchmark import keeping, table
+def _check(options: argparse.Namespace) -> int:
+    """Do what a maintainer does with an entry: score it anew, verify all, and print a summary. Return as `_verify`."""
+    from ..benchmark import manifest, scores
+    from ..benchmark.archive import opened
 
-    places = _places(options)
-    if len(places) > 1:
-        raise TrainingError("benchmark table takes one folder of results: move the results to compare into one folder")
-    if options.keep is not None:
-        print(*keeping.keep(places[0], options.keep), sep="\n")
-    print(*table.write(places[0], options.out or places[0]), sep="\n")
+    if not options.names:
+        raise TrainingError("benchmark check needs archives that `outlast benchmark pack` made, as in: check mine.zip")
+    for name in options.names:
+        with opened(Path(name)) as place:
+            made = manifest.read(place)
+            print(f"{name}: {Path(name).stat().st_size / 1e6:.1f} MB, track {made.track or 'none'}")
+            print(*scores.lines(scores.scores([made])), sep="\n")
+    return _verify(options)
+
+
+def _pack(options: argparse.Namespace) -> int:
+    """Write an archive."""
+    from ..benchmark.archive import pack
+
+    place = _place(options)
+    out = options.out or place.with_suffix(".zip")
+    print(f"{out}: {pack(place, out, options.small) / 1e6:.2f} MB")
     return 0
 
 
-def _anchors(options: argparse.Namespace, command: Parser) -> int:
+def _table(options: argparse.Namespace) -> int:
+    """Write the tables, and print their paths."""
+    from ..benchmark import manifest, people, scores, table
+    from ..benchmark.archive import opened
+
+    names = [Path(name) for name in options.names] or [RESULTS]
+    with contextlib.ExitStack() as stack:
+        places = [stack.enter_context(opened(name)) for name in names]
+        found = scores.scores([manifest.read(place) for place in places])
+        games = list(itertools.chain.from_iterable(people.read(place) for place in places))
+        print(*table.write(found, games, options.out or names[0]), sep="\n")
+    return 0
+
+
+def _people(options: argparse.Namespace) -> int:
+    """Add the games of a person."""
+    from ..benchmark import people, table
+
+    if not options.names or len(options.agent) != 1:
+        raise TrainingError("benchmark people needs recordings and a name, as in: benchmark people a.rec --agent you")
+    games = people.add(options.out or RESULTS, options.agent[0], [Path(name) for name in options.names])
+    print(text_table(people.rows(games), table.PEOPLE_HEADS, width=terminal_width()))
+    return 0
+
+
+def _anchors(options: argparse.Namespace) -> int:
     """Rate checkpoints, for maintainers of the benchmark."""
-    from ..benchmark.anchors import make
+    from ..benchmark.suite import make
 
     if len(options.names) != 1 or not options.policies or options.out is None:
         raise TrainingError("benchmark anchors needs a task, --policies and --out")
@@ -302,32 +337,35 @@ def _anchors(options: argparse.Namespace, command: Parser) -> int:
     return 0
 
 
-def _situations(options: argparse.Namespace, command: Parser) -> int:
+def _situations(options: argparse.Namespace) -> int:
     """Print which situations policies pass."""
     from ..arena.players import contenders
     from ..benchmark import situations
 
     if len(options.names) != 1:
         raise TrainingError(
-            "benchmark situations needs a task, as in: benchmark situations teams_3-v1 --policies scripted"
+            "benchmark situations needs a task, as in: benchmark situations teams_3-v2 --policies scripted"
         )
     task, policies = task_of(options.names[0]), [str(path) for path in options.policies]
-    chosen = contenders(policies) if policies else []
-    with Progress((1 + len(chosen)) * len(situations.SITUATIONS), "scenes", quiet=options.quiet) as progress:
-        rows = situations.table(task.scenario, chosen, progress.add)
-    print(text_table(rows, ("situation", "solution", *(each.label for each in chosen)), width=terminal_width()))
+    chosen = [None, *(contenders(policies) if policies else [])]
+    with Progress(len(chosen) * len(situations.SITUATIONS), "scenes", quiet=options.quiet) as progress:
+        columns = [situations.shares(task.scenario, each, progress.add) for each in chosen]
+    heads = ("situation", *("solution" if each is None else each.label for each in chosen))
+    print(text_table(situations.table(columns), heads, width=terminal_width()))
     return 0
 
 
-ACTIONS: dict[str, tuple[Callable[[argparse.Namespace, Parser], int], tuple[str, ...]]] = {
+PLAN = ("agent", "seed", "budget", "games", "responses", "pair", "effect", "opponents", "ppo", "memory", "out")
+ACTIONS: dict[str, tuple[Callable[[argparse.Namespace], int], tuple[str, ...]]] = {
     "tasks": (_tasks, ()),
-    "run": (
-        _run,
-        ("agent", "seed", "budget", "games", "opponents", "ppo", "memory", "out", "jobs", "threads", "quiet"),
-    ),
-    "score": (_score, ("jobs", "quiet")),
-    "verify": (_verify, ("jobs", "quiet", "allow_missing")),
-    "table": (_table, ("out", "keep")),
+    "plan": (_plan, PLAN),
+    "run": (_run, ("only", "jobs", "threads", "quiet")),
+    "score": (_score, ()),
+    "verify": (_verify, ("only", "jobs", "quiet", "allow_missing")),
+    "pack": (_pack, ("out", "small")),
+    "check": (_check, ("jobs", "quiet")),
+    "table": (_table, ("out",)),
     "situations": (_situations, ("policies", "quiet")),
+    "people": (_people, ("agent", "out")),
     "anchors": (_anchors, ("policies", "games", "out", "quiet")),
 }  # by action, the options that have an effect
