@@ -13,7 +13,7 @@ from ..arena.match import Act
 from ..arena.players import Contender
 from ..base.errors import TrainingError
 from ..base.presets import PRESETS
-from .result import NAMES
+from .result import is_name
 
 PRESET, FILE, FUNCTION = "preset", "file", "function"
 FORMS = f"a preset ({', '.join(PRESETS)}), {SAVED_AS}, or FILE.py:FUNCTION"
@@ -38,7 +38,7 @@ class Agent:
         """Return the agent that a user names: "fast" or "NAME=SOURCE". Raises TrainingError."""
         name, _, source = text.partition("=")
         agent = cls(name, source or name, options)
-        if NAMES.fullmatch(name) is None:
+        if not is_name(name):
             raise TrainingError(f"{name!r} must consist of letters, digits and . _ - +, as in mine={FORMS}")
         if options and agent.kind != PRESET:
             given = ", ".join(options)
@@ -72,6 +72,15 @@ class Agent:
             raise TrainingError(
                 f"{self.name}={self.source} is one training for all seeds: name one --seed, or put {{seed}} in it"
             )
+
+    def check_place(self, task: str, seed: int) -> None:
+        """Raise TrainingError or UsageError if the file of a task and a seed does not exist."""
+        if unknown := re.search(r"\{[^{}]*\}", self.place(task, seed)):
+            raise TrainingError(f"{self.source}: {unknown[0]} is not replaced; {{task}}, {{game}} and {{seed}} are")
+        if self.kind == FILE:
+            self.policy(task, seed)
+        elif self.function and not Path(self.place(task, seed).rpartition(":")[0]).is_file():
+            raise TrainingError(f"{self.name}, {task}, seed {seed}: {self.place(task, seed)} does not exist")
 
     def place(self, task: str, seed: int) -> str:
         """Return the source for a task and a seed."""

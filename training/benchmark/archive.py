@@ -2,9 +2,11 @@
 
 import contextlib
 import io
+import lzma
 import re
 import tempfile
 import zipfile
+import zlib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,8 +16,13 @@ from ..base.files import read_bytes, write_files
 from . import manifest, result, scores
 from .games import SUFFIX
 
-NAMES = re.compile(r"\w[\w.+-]*(/\w[\w.+-]*){0,3}")
+PART = r"\w[\w.+-]*"
+NAMES = re.compile(rf"manifest\.json|scores\.json|{PART}/{PART}/\d+/(result\.json|{PART}\.(safetensors|npz))")
 LARGEST, MOST, MANY = 2**28, 2**30, 100_000  # maximum bytes of an archive and of all it holds, maximum files
+BROKEN = (
+    *(zipfile.BadZipFile, zlib.error, lzma.LZMAError),
+    *(NotImplementedError, RuntimeError, EOFError, OSError),
+)  # what reading may raise
 FIRST = (1980, 1, 1, 0, 0, 0)  # the date of all files: equal results give equal bytes
 
 
@@ -58,12 +65,16 @@ def opened(place: Path) -> Iterator[Path]:
         try:
             with zipfile.ZipFile(io.BytesIO(read_bytes(place, LARGEST))) as archive:
                 infos = archive.infolist()
+                if len({info.filename for info in infos}) < len(infos):
+                    raise TrainingError(f"{place} holds two files of one name")
                 if len(infos) > MANY or sum(info.file_size for info in infos) > MOST:
                     raise TrainingError(f"{place} holds more than {MANY:,} files or {MOST:,} bytes")
                 for info in infos:
                     if NAMES.fullmatch(info.filename) is None:
                         raise TrainingError(f"{place} holds {info.filename!r:.80}, which no result is called")
                     write_files({Path(folder, info.filename): archive.read(info)})
-        except (zipfile.BadZipFile, NotImplementedError, RuntimeError, EOFError, OSError) as error:
+        except BROKEN as error:
             raise TrainingError(f"{place} is not an archive of results: {error}") from error
+        if not Path(folder, manifest.NAME).exists():
+            raise TrainingError(f"{place} does not hold {manifest.NAME}: make an archive by `outlast benchmark pack`")
         yield Path(folder)

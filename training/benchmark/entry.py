@@ -3,7 +3,6 @@
 Every part can be stopped at any time and continued: files in the folder are always complete.
 """
 
-import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -74,7 +73,7 @@ class Entry:
 
     @property
     def situated(self) -> bool:
-        """Return whether the agent is tried in situations, which only the first seed is."""
+        """Whether the agent is tried in situations, which only the first seed is."""
         return bool(self.seed == self.manifest.content["seeds"][0])
 
     @property
@@ -105,6 +104,18 @@ class Entry:
         trained = Workload.of(self.config()).total if self.agent.trained else 0
         rate = RATES.get(self.agent.source, RATES[FAST])
         return trained / rate + (self.work - trained) / RATES[FAST]
+
+
+def entries_of(manifest: Manifest, only: str = "", threads: int = 0) -> list[Entry]:
+    """Return the entries of a manifest, or those whose names begin with the words in `only`: "fast ffa_2-v2 0".
+
+    Raises TrainingError: there are none.
+    """
+    every = [Entry(manifest, agent, task, seed, threads) for agent, task, seed in manifest.entries()]
+    chosen = [entry for entry in every if f"{entry} ".startswith(f"{only.strip()} ".lstrip())]
+    if not chosen:
+        raise TrainingError(f"no entry begins with the words {only!r}: they are {', '.join(map(str, every))}")
+    return chosen
 
 
 def seats(
@@ -221,8 +232,10 @@ class EntryRun:
                 path = self.result.policy(k)
                 if not path.exists() and not agent.trained:
                     self._keep(self._saved(), path)
-                if not path.exists() or digest(path) != known["digest"]:
-                    raise TrainingError(f"{path} is not candidate {k} of {count} matches there")
+                if not path.exists():
+                    raise TrainingError(f"{path} is missing: put it back, or delete {NAME} beside it to begin anew")
+                if digest(path) != known["digest"]:
+                    raise TrainingError(f"{path} is not the candidate that {NAME} beside it describes")
         if (content["policy"], content["candidates"]) != before:
             self.result.write()
 
@@ -255,7 +268,7 @@ class EntryRun:
         return self.entry.agent.made(self.entry.task.name, self.entry.seed)
 
     def _keep(self, path: Path, kept: Path) -> Content:
-        """Copy a policy, with weights in half precision; return its entry in the result."""
+        """Copy a policy, of a checkpoint with weights in half precision; return its entry in the result."""
         saved = path.suffix == policy_file.SUFFIX
         write_files({kept: path.read_bytes() if saved else policy_file.content(*weights_of(path))})
         return described(kept, self.entry.task)
@@ -263,9 +276,8 @@ class EntryRun:
     def _train(self, config: TrainingConfig, name: str) -> list[Path]:
         """Begin or continue a training; return its checkpoints."""
         folder = self.entry.folder / name
-        with self._timed(name):
-            run = TrainingRun(config, folder, resume=folder.exists())
-            run.train(lambda run: self.progress(self.entry.done(), f"{name}: {run.now}"))
+        run = TrainingRun(config, folder, resume=folder.exists())
+        run.train(lambda run: self.progress(self.entry.done(), f"{name}: {run.now}"))
         return checkpoints(folder)
 
     def _agent(self, candidate: int) -> Contender:
@@ -285,13 +297,12 @@ class EntryRun:
         elif pairing.against in entry.manifest.responses(entry.agent, entry.seed):
             self._respond(pairing.against)
         self.progress(entry.done(), str(pairing))
-        with self._timed("matches"):
-            policies = seats(self.result, entry.task, pairing, self._agent(pairing.candidate), self._rival)
-            try:
-                played = play(game_of(entry.task, pairing.game), policies, entry.manifest.games(pairing))
-            except ActionError as error:
-                raise TrainingError(f"{entry}, {pairing}: {error}") from error
-            moves = played.moves.write(entry.folder / pairing.file)
+        policies = seats(self.result, entry.task, pairing, self._agent(pairing.candidate), self._rival)
+        try:
+            played = play(game_of(entry.task, pairing.game), policies, entry.manifest.games(pairing))
+        except ActionError as error:
+            raise TrainingError(f"{entry}, {pairing}: {error}") from error
+        moves = played.moves.write(entry.folder / pairing.file)
         figures = played.outcome.pop("figures") if pairing.against == SELF else {}
         match = pairing._asdict() | {"opponent": opponent, "moves": moves, "figures": figures}
         self.result.content["matches"].append(match | {name: played.outcome[name] for name in NUMBERS})
@@ -308,15 +319,3 @@ class EntryRun:
         kept = self._keep(_after(every, int(steps)), self.result.response(name))
         self.result.content["responses"][name] = kept
         self.result.write()
-
-    @contextmanager
-    def _timed(self, name: str) -> Iterator[None]:
-        """Add the time of the body to the recorded time: seconds of wall clock and of CPU."""
-        wall, cpu = time.perf_counter(), time.process_time()
-        try:
-            yield
-        finally:
-            seconds: dict[str, float] = self.result.content["seconds"]
-            for key, spent in (("wall", time.perf_counter() - wall), ("cpu", time.process_time() - cpu)):
-                seconds[f"{name} {key}"] = round(seconds.get(f"{name} {key}", 0.0) + spent, 2)
-            self.result.write()

@@ -110,7 +110,6 @@ def play(
     policies: Sequence[Contender | None],
     games: int,
     given: Moves | None = None,
-    progress: Callable[[int], None] = lambda ended: None,
 ) -> Played:
     """Play a match, or play it again by its file.
 
@@ -121,7 +120,6 @@ def play(
         games: Number of games, each in its own world: must be even, so that both play each side equally often.
         given: The file of the match. Policies are asked what they would do, and take the kept actions where these may
             be rounded otherwise.
-        progress: Called with the number of further games that have ended.
 
     Raises:
         RecordingError: A tick differs from the file, or a policy did not choose an action that is kept.
@@ -133,7 +131,7 @@ def play(
         acts = [seats.act(game, role, policy) for role, policy in enumerate(policies)]
         match = Match(env, acts, 1, game.seed)
         seats.tick = lambda: match.records + 1
-        found = match.play(progress)
+        found = match.play()
         made = Moves(np.array(ticks.found, np.uint32), *seats.kept())
     if given is not None and (len(given.digests) != len(made.digests) or seats.left):
         raise RecordingError("its file holds ticks or actions that the games do not have")

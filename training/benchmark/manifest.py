@@ -24,6 +24,7 @@ from .suite import suite
 from .tasks import CHECKPOINTS, PROTOCOL, Task, check_training_seed, task_of, track_of
 
 NAME = "manifest.json"
+OPTIONS = {"settings", "memory", "opponents", "worlds", "rollout"}  # of training, that an agent can have
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,8 @@ class Manifest:
     @property
     def track(self) -> str:
         """The track; empty if its numbers belong to none."""
-        usual = self.content["checkpoints"] == CHECKPOINTS
+        seeds = self.content["seeds"]
+        usual = self.content["checkpoints"] == CHECKPOINTS and seeds == [*range(len(seeds))]
         return track_of(self.content["budget"], self.content["games"]) if usual else ""
 
     def entries(self) -> list[tuple[str, Task, int]]:
@@ -125,20 +127,21 @@ def write(
     Raises TrainingError: something is named twice, an agent of a pair is unknown, a seed or an option cannot be used;
     the folder has another manifest already, or cannot be written.
     """
-    names = [agent.name for agent in agents]
+    names = [agent.name.lower() for agent in agents]  # some disks do not tell Fast from fast
     for what, given in (("task", [task.name for task in tasks]), ("agent", names), ("seed", [*seeds])):
         if not given or len(set(given)) < len(given):
             raise TrainingError(f"name each {what} once, and at least one")
     for pair in pairs:
-        if len(set(pair)) < 2 or not {*pair} <= {*names}:
+        if len(set(pair)) < 2 or not {*pair} <= {agent.name for agent in agents}:
             raise TrainingError(f"{' and '.join(pair)}: a pair needs two of the agents {', '.join(names)}")
-    for agent in agents:
-        agent.check_seeds(seeds)
     for seed in seeds:
         check_training_seed(seed)
     for agent in agents:
-        for task in tasks if agent.trained else ():
-            agent_config(task, agent, seeds[0], numbers["budget"], CHECKPOINTS, 1)
+        agent.check_seeds(seeds)
+        for task, seed in itertools.product(tasks, seeds):
+            agent.check_place(task.name, seed)
+            if agent.trained:
+                agent_config(task, agent, seed, numbers["budget"], CHECKPOINTS, 1)
     content = {
         "version": PROTOCOL,
         "tasks": {
@@ -153,6 +156,8 @@ def write(
         **numbers,
     }
     path, plan = folder / NAME, json.loads(json.dumps(content))
+    if fault := _wrong(plan):
+        raise TrainingError(f"the plan is not possible: {fault}")
     if not path.exists():
         result.write_json(path, plan | {"made": result.made()})
     elif {key: value for key, value in read(folder).content.items() if key != "made"} != plan:
@@ -185,10 +190,12 @@ def _wrong(content: Content) -> str:
     valid: dict[str, Callable[[Any], bool]] = {
         "tasks": lambda given: len(given) > 0 and all(map(is_word, given)) and all(map(_is_task, given.values())),
         "agents": lambda given: len(given) > 0 and all(map(is_name, given)) and all(map(_is_agent, given.values())),
-        "seeds": lambda given: isinstance(given, list) and len(given) > 0 and all(map(is_count, given)),
-        "pairs": lambda given: all(len(pair) == 2 and {*pair} <= {*content["agents"]} for pair in given),
+        "seeds": lambda given: (
+            isinstance(given, list) and 0 < len({*given}) == len(given) and all(map(is_count, given))
+        ),
+        "pairs": lambda given: all(len(pair) == len({*pair} & {*content["agents"]}) == 2 for pair in given),
         "budget": lambda given: is_count(given) and given > 0,
-        "games": lambda given: is_count(given) and given > 0 and given % 2 == 0,
+        "games": lambda given: is_count(given) and 0 < given <= 10_000 and given % 2 == 0,
         "checkpoints": lambda given: is_count(given) and 0 < given <= 100,
         "responses": lambda given: isinstance(given, list) and all(map(is_count, given)),
         "effect": lambda given: type(given) in (int, float) and 0 <= given <= 1,
@@ -202,4 +209,4 @@ def _is_task(given: Any) -> bool:
 
 
 def _is_agent(given: Any) -> bool:
-    return given.keys() == {"source", "options"} and is_word(given["source"]) and all(map(is_word, given["options"]))
+    return given.keys() == {"source", "options"} and is_word(given["source"]) and given["options"].keys() <= OPTIONS

@@ -111,6 +111,7 @@ def _wrong(content: Content) -> str:
     def sound(each: Any) -> bool:
         numbers = [each[name] for name in NUMBERS]
         words = is_name(each["name"]) and is_word(each["opponent"]) and is_digest(each["recording"])
-        return words and each["task"] in tasks() and all(map(is_count, numbers)) and sum(numbers) > 0
+        counts = all(map(is_count, numbers)) and sum(numbers) > 0
+        return words and counts and each["task"] in tasks() and each["opponent"] in suite(tasks()[each["task"]]).members
 
     return wrong_with_parts(content, {"games": lambda given: isinstance(given, list) and all(map(sound, given))})

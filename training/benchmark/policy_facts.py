@@ -11,15 +11,16 @@ from outlast.envs.rollout.saved import is_saved
 from ..base import policy_file
 from ..base.config import FAST, IMITATED, OPPONENTS, TrainingConfig, parse_warm_start
 from ..base.config import SELF as OWN
+from ..base.errors import TrainingError
 from ..base.presets import preset
 from .agents import Agent
 from .games import digest
-from .result import Content
+from .result import Content, is_count
 from .suite import suite
 from .tasks import Task, check_training_seed
 
 STEPS = "steps"
-SAME = 0.5  # cosine of the weights of two policies: one run keeps 0.8 and more, two seeds have 0.02 at most
+SAME, LARGE = 0.7, 256  # cosine of two matrices of at least so many weights: one run keeps 0.98, two seeds have 0.3
 
 
 def described(path: Path, task: Task) -> Content:
@@ -32,7 +33,9 @@ def described(path: Path, task: Task) -> Content:
     """
     header = policy_file.read_header(path, (STEPS, "scenario", "preset"))
     plan = header.get("plan", {})
-    check_training_seed(plan.get("seed", 0))
+    if not is_count(seed := plan.get("seed", 0)):
+        raise TrainingError(f"{path} says that it was trained with seed {seed!r:.40}: an integer is needed")
+    check_training_seed(seed)
     teacher, _ = parse_warm_start(plan.get("warm_start", ""))
     changed = plan.get("levels") or plan.get("anneal") or is_saved(teacher)
     of_task = not changed and not preset(header["preset"]).difference(header["scenario"], task.scenario)
@@ -64,37 +67,52 @@ def response_config(task: Task, seed: int, kind: str, steps: int, policy: Path, 
     return TrainingConfig(task.scenario, FAST, steps, seed, **more)
 
 
-def wrong_with_training(path: Path, config: TrainingConfig, least: int, own: str = "") -> str:
+def wrong_with_training(path: Path, config: TrainingConfig, steps: int, own: str = "") -> str:
     """Return the difference of a file's training from what the protocol prescribes; "" if there is none.
 
-    config: The config of that training. least: Its agent-steps at least. own: The name of the policy's file that a best
-    response was trained against; "": any opponents. Raises TrainingError: the file is not a policy.
+    config: The config of that training. steps: Its agent-steps, which whole rollouts exceed a little. own: The file of
+    the policy that a best response was trained against; "": any opponents. Raises TrainingError: the file is not a
+    policy.
     """
     header = policy_file.read_header(path, ("plan", "preset", "scenario", STEPS))
     plan, wanted = dict(header["plan"]), dict(config.header()["plan"])
     for each in (plan, wanted):  # places and machines differ; a longer run has the same checkpoints
         for key in ("threads", "every", "device", "processes", "steps", "asked"):
             each.pop(key, None)
-        for key in ("opponents", "warm_start") if own else ():
-            each[key] = str(each.get(key, "")).replace(str(Path(own).parent), "").rpartition("/")[2]
+        if own:  # in another folder
+            each["opponents"] = {Path(name).name: weight for name, weight in _opponents(each).items()}
+            teacher, length = parse_warm_start(each.get("warm_start", ""))
+            each["warm_start"] = Path(teacher).name, length
     given = {key: plan.get(key, value) for key, value in wanted.items()}  # earlier files lack some
     given["game"] = not preset(header["preset"]).difference(header["scenario"], config.scenario)
     for key, value in (wanted | {"game": True}).items():
         if given[key] != value:
             return f"{path.name} was not trained as the protocol says: {key} is {given[key]}, not {value}"
-    return "" if header[STEPS] >= least else f"{path.name} has {header[STEPS]:,} agent-steps: {least:,} are needed"
+    few_or_many = header[STEPS] < steps or header[STEPS] > most_steps(steps)
+    return f"{path.name} has {header[STEPS]:,} agent-steps, and {steps:,} are planned" if few_or_many else ""
+
+
+def most_steps(steps: int) -> int:
+    """Return the most agent-steps of a training for so many: only whole rollouts are collected."""
+    return int(1.01 * steps) + 2**16
 
 
 def likeness(one: Path, other: Path) -> float:
-    """Return the cosine of the weights of two policies; 0 if their networks differ. Raises TrainingError."""
+    """Return the largest cosine of two matrices in the same place of two policies, of LARGE weights or more; 0 if none.
+
+    Critics do not count, as policies play without them. Raises TrainingError.
+    """
     first, second = (
-        {f"{k}.{name}": values for k, own in enumerate(policy_file.read(path)[1]) for name, values in own.items()}
+        {
+            (k, name): values.ravel().astype(np.float64)
+            for k, own in enumerate(policy_file.read(path)[1])
+            for name, values in own.items()
+            if values.ndim > 1 and values.size >= LARGE and not name.startswith(policy_file.CRITIC)
+        }
         for path in (one, other)
     )
-    if {name: values.shape for name, values in first.items()} != {name: each.shape for name, each in second.items()}:
-        return 0.0
-    a, b = (np.concatenate([each[name].ravel() for name in first]).astype(np.float64) for each in (first, second))
-    return float(a @ b / np.sqrt((a @ a) * (b @ b)).clip(1e-30))
+    pairs = [(first[key], second[key]) for key in first if key in second and len(first[key]) == len(second[key])]
+    return max((float(a @ b / np.sqrt((a @ a) * (b @ b)).clip(1e-30)) for a, b in pairs), default=0.0)
 
 
 def _opponents(plan: dict[str, Any]) -> dict[str, float]:

@@ -102,7 +102,7 @@ def share(match: Mapping[str, int]) -> float:
 def begun(manifest: str, agent: str, task: str, seed: int) -> Content:
     """Return the result of an entry without any work. manifest: Its digest."""
     named = {"version": PROTOCOL, "manifest": manifest, "agent": agent, "task": task, "seed": seed, "made": made()}
-    return named | {"candidates": [], "policy": None, "responses": {}, "matches": [], "situations": None, "seconds": {}}
+    return named | {"candidates": [], "policy": None, "responses": {}, "matches": [], "situations": None}
 
 
 def made() -> Content:
@@ -127,14 +127,14 @@ def read_json(path: Path, wrong: Callable[[Any], str]) -> Content:
     """
     try:
         content = json.loads(read_bytes(path, LONGEST))
-        fault = wrong(content)
+        fault, found = wrong(content), dict(content)
     except OSError as error:
         raise TrainingError(f"{path} cannot be read: {error.strerror}") from error
     except strict_json.BROKEN as error:
         fault = f"{type(error).__name__}: {error}"
     if fault:
         raise TrainingError(f"{path} is not a result of the benchmark: {fault:.200}")
-    return dict(content)
+    return found
 
 
 def read(path: Path) -> Result:
@@ -162,7 +162,6 @@ def wrong_with_result(content: Content) -> str:
         "responses": lambda given: all(map(is_word, given)) and all(map(_is_policy, given.values())),
         "matches": lambda given: isinstance(given, list) and len(given) < 10_000,
         "situations": lambda given: given is None or (all(map(is_word, given)) and are_finite(given.values())),
-        "seconds": lambda given: all(map(is_word, given)) and are_finite(given.values()),
         "made": lambda given: all(is_word(key) and is_word(str(value)) for key, value in given.items()),
     }
     if fault := wrong_with_parts(content, valid):
@@ -202,7 +201,7 @@ def is_digest(given: Any) -> bool:
 
 def is_name(given: Any) -> bool:
     """Return whether it can be the name of an agent."""
-    return isinstance(given, str) and NAMES.fullmatch(given) is not None
+    return isinstance(given, str) and NAMES.fullmatch(given) is not None and not given.endswith((".json", ".zip"))
 
 
 def is_count(given: Any) -> bool:

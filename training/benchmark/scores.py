@@ -13,6 +13,7 @@ from ..arena.ratings import anchored
 from ..base import statistics
 from ..base.errors import TrainingError
 from .manifest import Manifest
+from .policy_facts import most_steps
 from .result import AGENT, NUMBERS, SELF, Content, Pairing, Result, share
 from .suite import suite
 from .tasks import PROTOCOL, TRAINED, Task
@@ -99,8 +100,7 @@ def _agent(manifest: Manifest, name: str, task: Task) -> Scores:
         "rating": _rating(played, task),
         "exploitability": _exploitability(manifest, name, value),
         "self_play": {figure: _figure(played, figure) for figure in OWN_FIGURES},
-        "situations": {scene: float(passed) for scene, passed in sorted(first.items())},
-        "seconds": _seconds(results.values()),
+        "situations": dict(sorted(first.items())),
     }
 
 
@@ -113,13 +113,16 @@ def over_seeds(values: Mapping[int, float | None], absent: str = MISSING) -> Val
     status = PARTLY if len(known) < len(values) else FEW if len(known) < LEAST else MEASURED
     low, high = statistics.interval(each) or (None, None)
     ends = {} if low is None else {"low": rounded(low), "high": rounded(high)}
-    return {"status": status, "mean": rounded(np.mean(each)), **ends, "seeds": rounded(each)}
+    mean = {} if status == PARTLY else {"mean": rounded(np.mean(each)), **ends}  # who leaves out a seed gets no mean
+    return {"status": status, **mean, "seeds": rounded(each)}
 
 
 def check_planned(manifest: Manifest, found: Result, task: Task) -> None:
     """Raise TrainingError for matches that were not planned: nobody may choose among several plans afterwards."""
     agent, seed = manifest.agents[found.content["agent"]], found.content["seed"]
     planned = manifest.planned(agent, task, seed)
+    if found.content["policy"] is None and any(pairing.candidate < 0 for pairing in found.matches):
+        raise TrainingError(f"{found.name} has tests, but no policy that was chosen for them")
     if more := [pairing for pairing in found.matches if pairing not in planned]:
         raise TrainingError(f"{found.name}: {more[0]} is not in the manifest")
     for pairing, match in found.matches.items():
@@ -139,7 +142,7 @@ def _is_of_track(policy: Content, budget: int) -> bool:
 
     Only complete rollouts are collected, so it may be a little longer.
     """
-    return bool(policy["of_task"] and policy["steps"] <= 1.01 * budget + 2**16)
+    return bool(policy["of_task"] and policy["steps"] <= most_steps(budget))
 
 
 def _rating(played: Mapping[int, Mapping[Pairing, Content]], task: Task) -> Value:
@@ -179,13 +182,6 @@ def _figure(played: Mapping[int, Mapping[Pairing, Content]], name: str) -> Value
     return over_seeds(values, NEVER if any(matches.values()) else MISSING)
 
 
-def _seconds(results: Iterable[Result]) -> Scores:
-    """Return the seconds of a seed by the kind of work, means over seeds: CPU and wall clock."""
-    each = [found.content["seconds"] for found in results if found.content["seconds"]]
-    names = sorted({name for own in each for name in own})
-    return {name: rounded(np.mean([own.get(name, 0) for own in each])) for name in names}
-
-
 def _pairs(manifest: Manifest, tasks: Mapping[str, Scores]) -> list[Scores]:
     """Return the planned comparisons, as one family: the level of each interval is 95 % for all of them together.
 
@@ -196,7 +192,7 @@ def _pairs(manifest: Manifest, tasks: Mapping[str, Scores]) -> list[Scores]:
     level = 1 - (1 - statistics.LEVEL) / max(1, len(manifest.content["pairs"]))
     for one, other in manifest.content["pairs"]:
         names = [task.name for task in manifest.tasks]
-        each = [{name: tasks[name][agent]["score"].get("seeds", []) for name in names} for agent in (one, other)]
+        each = [{name: _complete(tasks[name][agent]["score"]) for name in names} for agent in (one, other)]
         fewest = min(len(values) for own in each for values in own.values())
         entry: Scores = {"one": one, "other": other, "effect": effect, "direct": _direct(manifest, one, other)}
         if fewest < 2:
@@ -205,18 +201,18 @@ def _pairs(manifest: Manifest, tasks: Mapping[str, Scores]) -> list[Scores]:
         value, low, high = statistics.stratified_bootstrap(
             lambda a, b: statistics.mean(a) - statistics.mean(b), *each, level=level
         )
-        improvement = statistics.probability_of_improvement(*each)
         verdict = (
             "more" if low > effect else "less" if high < -effect else "equal" if max(-low, high) < effect else "open"
         )
         status = MEASURED if fewest >= LEAST else FEW
         difference = {"status": status, "mean": rounded(value), "low": rounded(low), "high": rounded(high)}
-        found.append(
-            entry
-            | {"difference": difference, "improvement": rounded(improvement)}
-            | {"verdict": verdict if status == MEASURED else "open"}
-        )
+        found.append(entry | {"difference": difference} | {"verdict": verdict if status == MEASURED else "open"})
     return found
+
+
+def _complete(value: Value) -> list[float]:
+    """Return the values of all planned seeds; none if one is missing."""
+    return list(value["seeds"]) if "mean" in value else []
 
 
 def _direct(manifest: Manifest, one: str, other: str) -> Value:
@@ -238,7 +234,7 @@ def _over_tasks(tasks: Mapping[str, Scores]) -> Scores:
     played = dict[str, dict[str, list[float]]]()
     for name, of_task in tasks.items():
         for agent, found in of_task.items():
-            if "seeds" in found["score"]:
+            if "mean" in found["score"]:
                 played.setdefault(agent, {})[name] = found["score"]["seeds"]
     agents, common = _compared(played) if played else ([], [])
     each = {agent: {name: played[agent][name] for name in common} for agent in agents if common}

@@ -152,7 +152,7 @@ def _cell(value: scores.Value, digits: int) -> str:
 
 def _rating(value: scores.Value) -> str:
     """Return a rating with its interval over seeds; of too few seeds, the ratings of each."""
-    if "mean" in value or "seeds" not in value:
+    if value["status"] != scores.FEW:
         return _cell(value, 0)
     return f"{value['status']}: {', '.join(f'{each:.0f}' for each in value['seeds'])}"
 

@@ -7,14 +7,15 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
-from outlast.envs.errors import RecordingError, UsageError
+from outlast.envs.errors import RecordingError, ScenarioError, UsageError
 
 from ..arena.players import Contender
 from ..base.errors import TrainingError
 from ..base.processes import results
 from . import scores
-from .entry import Entry, chosen, game_of, seats, situated
+from .entry import Entry, chosen, entries_of, game_of, seats, situated
 from .games import Moves, digest, play
 from .manifest import Manifest, read
 from .policy_facts import SAME, agent_config, described, likeness, response_config, wrong_with_training
@@ -24,6 +25,7 @@ NEAR = 1e-4  # relative: smaller differences of figures are equal, since machine
 # Share of a saved policy's actions that may differ where another machine rounds otherwise, beside a few. For the
 # policies of games.ROUNDING it is at most 1.3e-6; a search for actions to alter finds 5e-5.
 SHARE, FEW = 5e-6, 3
+ROUNDED = 2 / 64  # of situations: of so many worlds, two may end otherwise on another machine
 
 
 @dataclass(frozen=True)
@@ -71,13 +73,11 @@ Check = Callable[[], Verification]  # can be pickled
 def verify(folder: Path, at_once: int = 1, only: str = "") -> Iterator[Verification]:
     """Verify the results of a manifest, and yield the findings: of matches, and then of their entries; and of scores.
 
-    folder: A folder of results. at_once: Number of processes. only: The beginning of the names of entries, such as
-    "fast ffa_2-v2"; "": all. Raises TrainingError: it has no results, or they cannot be read.
+    folder: A folder of results. at_once: Number of processes. only: See `entries_of`. Raises TrainingError: the
+    manifest cannot be read, or belongs to other games.
     """
     manifest = read(folder)
-    entries = [each for own in manifest.entries() if str(each := Entry(manifest, *own)).startswith(only)]
-    if not entries:
-        raise TrainingError(f"{folder} has no entry that begins with {only!r}: name AGENT TASK SEED")
+    entries = entries_of(manifest, only)
     plans = [checks(entry) for entry in entries]
     found = results([check for plan in plans for check in plan], at_once)
     for plan in plans:
@@ -86,55 +86,58 @@ def verify(folder: Path, at_once: int = 1, only: str = "") -> Iterator[Verificat
             matches.append(match)
             yield match
         yield first.of(matches)
-    yield from _twins(manifest, entries)
-    if (folder / scores.NAME).exists():
-        yield _of_scores(manifest)
-
-
-def _twins(manifest: Manifest, entries: Sequence[Entry]) -> Iterator[Verification]:
-    """Find seeds of an agent in a task that are one training: their interval would not cover other trainings."""
     for (agent, task), group in itertools.groupby(entries, key=lambda entry: (entry.name, entry.task.name)):
-        if manifest.agents[agent].function:
-            continue
-        of_seed = {entry.seed: entry.manifest.result(agent, entry.task, entry.seed) for entry in group}
-        twins = [
-            f"{one} and {other}"
-            for one, other in itertools.combinations(of_seed, 2)
-            if _is_twin(of_seed[one], of_seed[other])
-        ]
-        if twins:
-            yield Verification(f"{agent} {task}", f"seeds {twins[0]} are one training")
+        if (twins := _found(f"{agent} {task}", _of_seeds, [*group])).wrong:
+            yield twins
+    if (folder / scores.NAME).exists():
+        yield _found(str(folder / scores.NAME), _of_scores, manifest)
 
 
-def _is_twin(one: Result, other: Result) -> bool:
-    policies = [own.content["policy"] for own in (one, other)]
-    if None in policies:
-        return False
-    if policies[0]["digest"] == policies[1]["digest"]:
-        return True
-    paths = [own.policy() for own in (one, other)]
-    return all(path.exists() for path in paths) and likeness(*paths) > SAME
+def _found(what: str, judge: Callable[..., Verification], *arguments: Any) -> Verification:
+    """Return a finding; what cannot be read, or played, is wrong. judge: Returns it without `what`."""
+    try:
+        return replace(judge(*arguments), what=what)
+    except FileNotFoundError as error:
+        return Verification(what, missing=f"{Path(error.args[0]).name} is missing")
+    except (RecordingError, ScenarioError, TrainingError, UsageError) as error:
+        return Verification(what, str(error))
+
+
+def _of_seeds(entries: Sequence[Entry]) -> Verification:
+    """Find seeds of an agent in a task that are one training: their interval would not cover other trainings."""
+    of_seed = {entry.seed: entry.manifest.result(entry.name, entry.task, entry.seed) for entry in entries}
+    trained = {seed: own for seed, own in of_seed.items() if own.content["candidates"] and own.content["policy"]}
+    for one, other in itertools.combinations(trained, 2):
+        digests = {trained[seed].content["policy"]["digest"] for seed in (one, other)}
+        paths = [trained[seed].policy() for seed in (one, other)]
+        if len(digests) < 2 or (all(path.exists() for path in paths) and likeness(*paths) > SAME):
+            return Verification("", f"seeds {one} and {other} are one training")
+    return Verification("")
 
 
 def _of_scores(manifest: Manifest) -> Verification:
     """Compare the scores beside the results with those that follow from the results."""
     path = manifest.folder / scores.NAME
     same = json.loads(json.dumps(scores.scores([manifest]))) == read_json(path, lambda content: "")
-    return Verification(str(path), "" if same else "the results have other scores: run `outlast benchmark score` again")
+    return Verification("", "" if same else "the results have other scores: run `outlast benchmark score` again")
 
 
 def checks(entry: Entry) -> list[Check]:
-    """Return the checks of an entry, each with one finding: the entry itself first, then situations and matches."""
+    """Return the checks of an entry, each with one finding: the entry itself first, then matches, and situations."""
+    found: list[Check] = [partial(_found, str(entry), _of_entry, entry)]
     try:
         result = entry.manifest.result(entry.name, entry.task, entry.seed)
-        own = _wrong_with_entry(entry, result), _missing_of_entry(entry, result)
-    except TrainingError as error:
-        return [partial(Verification, str(entry), str(error))]
-    found: list[Check] = [partial(Verification, str(entry), *own)]
-    found += [partial(_of_match, entry, result, pairing) for pairing in result.matches]
-    if result.content["situations"]:
-        found.append(partial(_of_situations, entry, result))
+    except TrainingError:  # which the entry itself reports
+        return found
+    found += [partial(_found, f"{entry}, {pairing}", _of_match, entry, result, pairing) for pairing in result.matches]
+    if entry.situated and result.content["policy"] is not None:
+        found.append(partial(_found, f"{entry}, situations", _of_situations, entry, result))
     return found
+
+
+def _of_entry(entry: Entry) -> Verification:
+    result = entry.manifest.result(entry.name, entry.task, entry.seed)
+    return Verification("", _wrong_with_entry(entry, result), _missing_of_entry(entry, result))
 
 
 def _missing_of_entry(entry: Entry, result: Result) -> str:
@@ -156,8 +159,11 @@ def _wrong_with_entry(entry: Entry, result: Result) -> str:
     """Return the fault in the policies and the plan of an entry; empty if they are valid."""
     content, task = result.content, entry.task
     scores.check_planned(entry.manifest, result, task)
-    count, trained = len(content["candidates"]), entry.agent.trained
-    if content["policy"] is None or entry.agent.function:
+    count, trained, policy = len(content["candidates"]), entry.agent.trained, content["policy"]
+    if entry.agent.function:
+        known = policy is None or (policy["steps"], policy["of_task"], policy["met"]) == (None, False, [])
+        return "" if known and not count else "it is a function, of whose training nothing can be known"
+    if policy is None:
         return ""
     if count != entry.manifest.candidates(entry.agent):
         return f"it has {count} candidates: {entry.manifest.candidates(entry.agent)} are planned"
@@ -178,62 +184,62 @@ def _wrong_with_entry(entry: Entry, result: Result) -> str:
     own = entry.manifest.content
     if trained:
         config = agent_config(task, entry.agent, entry.seed, own["budget"], own["checkpoints"], 1)
-        for k in range(count):
-            least = min(config.steps, config.every * (k + 1))
-            if (path := result.policy(k)).exists() and (fault := wrong_with_training(path, config, least)):
+        for path, k in [(result.policy(), best), *((result.policy(k), k) for k in range(count))]:
+            steps = min(config.steps, config.every * (k + 1))
+            if path.exists() and (fault := wrong_with_training(path, config, steps)):
                 return fault
     for name in content["responses"]:
         kind, steps = name.split()
         if (path := result.response(name)).exists() and result.policy().exists():
-            config = response_config(task, entry.seed, kind, entry.responses.get(kind, int(steps)), result.policy())
+            config = response_config(task, entry.seed, kind, int(steps), result.policy())
             if fault := wrong_with_training(path, config, int(steps), str(result.policy())):
                 return fault
     return ""
 
 
 def _of_situations(entry: Entry, result: Result) -> Verification:
-    what = f"{entry}, situations"
-    if not result.policy().exists():
-        return Verification(what, missing="its policy is missing, so nothing was compared")
+    own, absent = _agent(entry, result, -1)
     given = result.content["situations"]
-    found = situated(entry.task, Contender(entry.name, str(result.policy())))
-    other = [name for name in given.keys() | found.keys() if abs(given.get(name, 9) - found.get(name, 9)) > 0.05]
-    return Verification(what, f"{other[0]}: {given.get(other[0])} there, {found.get(other[0])} here" if other else "")
+    if given is None:
+        return Verification("", missing="it has not been tried in situations")
+    if own is None:
+        return Verification("", missing=absent)
+    found = situated(entry.task, own)
+    if given.keys() != found.keys():
+        return Verification("", f"it has {', '.join(given) or 'none'}: the game has {', '.join(found) or 'none'}")
+    other = [name for name, value in found.items() if abs(given[name] - value) > ROUNDED]
+    return Verification(
+        "", f"{other[0]} is {given[other[0]]} in the result, but {found[other[0]]} here" if other else ""
+    )
 
 
 def _of_match(entry: Entry, result: Result, pairing: Pairing) -> Verification:
     """Return the finding about a match, which is played again."""
-    found, path = Verification(f"{entry}, {pairing}"), result.folder / pairing.file
-    match = result.matches[pairing]
+    path, match = result.folder / pairing.file, result.matches[pairing]
     if not path.exists():
-        return replace(found, missing="its file is not here")
+        return Verification("", missing="its file is not here")
     if digest(path) != match["moves"]:
-        return replace(found, wrong="its file is not the one that was made")
-    try:
-        own, absent = _agent(entry, result, pairing.candidate)
-        rivals = dict[str, str]()
+        return Verification("", "its file is not the one that was made")
+    own, absent = _agent(entry, result, pairing.candidate)
+    rivals = dict[str, str]()
 
-        def rival(name: str) -> Contender | None:
-            other = Entry(entry.manifest, name, entry.task, entry.seed)
-            its = entry.manifest.result(name, entry.task, entry.seed)
-            if its.content["policy"] is None or its.content["policy"]["digest"] != match["opponent"]:
-                raise RecordingError(f"its opponent is not the {name} of this seed")
-            policy, rivals[name] = _agent(other, its, -1)
-            return policy
+    def rival(name: str) -> Contender | None:
+        other = Entry(entry.manifest, name, entry.task, entry.seed)
+        its = entry.manifest.result(name, entry.task, entry.seed)
+        if its.content["policy"] is None or its.content["policy"]["digest"] != match["opponent"]:
+            raise RecordingError(f"its opponent is not the {name} of this seed")
+        policy, rivals[name] = _agent(other, its, -1)
+        return policy
 
-        policies = seats(result, entry.task, pairing, own, rival)
-        functions = [name for name in rivals if entry.manifest.agents[name].function]
-        absent = absent or next((fault for fault in rivals.values() if fault), "")
-        if absent and not (entry.agent.function or functions):
-            return replace(found, missing=absent)
-        game = game_of(entry.task, pairing.game)
-        played = play(game, policies, entry.manifest.games(pairing), Moves.read(path))
-    except FileNotFoundError as error:
-        return replace(found, missing=f"{Path(error.args[0]).name} is missing")
-    except (RecordingError, TrainingError, UsageError) as error:
-        return replace(found, wrong=str(error))
+    policies = seats(result, entry.task, pairing, own, rival)
+    functions = [name for name in rivals if entry.manifest.agents[name].function]
+    absent = absent or next((fault for fault in rivals.values() if fault), "")
+    if absent and not (entry.agent.function or functions):
+        return Verification("", missing=absent)
+    game = game_of(entry.task, pairing.game)
+    played = play(game, policies, entry.manifest.games(pairing), Moves.read(path))
     wrong = _wrong_with_outcome(match, played.outcome, pairing.against == SELF)
-    return replace(found, wrong=wrong, missing=absent, differing=played.differing, drawn=played.drawn)
+    return Verification("", wrong, absent, played.differing, played.drawn)
 
 
 def _agent(entry: Entry, result: Result, candidate: int) -> tuple[Contender | None, str]:

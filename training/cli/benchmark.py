@@ -52,8 +52,8 @@ def add(commands: Any) -> None:
     text = "compare agents by one protocol, with verifiable results"
     command = commands.add_parser("benchmark", help=text, description=description, examples=examples)
     command.add_argument("action", choices=ACTIONS, metavar="ACTION", help=f"what to do: {', '.join(ACTIONS)}")
-    text = "plan: tasks, or all; run, score, verify, pack, table: folders of results, or archives of them (default "
-    text += f"{RESULTS}); check: archives; situations, anchors: a task; people: recordings"
+    text = "plan: tasks, or all; run, score, pack: a folder of results; verify, table: folders, or archives of them "
+    text += f"(default {RESULTS}); check: archives; situations, anchors: a task; people: recordings"
     command.add_argument("names", nargs="*", metavar="NAME", help=text)
     plan, protocol, files, machine = map(command.group, ("the plan", "the protocol", "output", "machine"))
     text = "plan: an agent, which is a preset of `outlast train`, trained first; or NAME=SOURCE, where SOURCE is a "
@@ -80,7 +80,7 @@ def add(commands: Any) -> None:
     protocol.add_argument("--policies", type=Path, nargs="+", default=[], metavar="PATH", help=text)
     text = f"plan, people: folder of results (default {RESULTS}); table, anchors: folder; pack: file"
     files.add_argument("--out", type=output(check_out), metavar="PATH", help=text)
-    text = "run, verify: only entries whose names begin so, as in 'fast ffa_2-v2 0'"
+    text = "run, verify: only entries whose names begin with these words, as in 'fast ffa_2-v2 0'"
     files.add_argument("--only", default="", metavar="ENTRY", help=text)
     text = "pack: leave out what is too large to publish: candidates, best responses, and policies of other seeds"
     files.add_argument("--small", action="store_true", help=text)
@@ -135,6 +135,7 @@ def _plan(options: argparse.Namespace) -> int:
     """Write the manifest."""
     from ..benchmark import manifest
     from ..benchmark.agents import Agent
+    from ..benchmark.entry import entries_of
 
     if not options.names or not options.agent:
         raise TrainingError("benchmark plan needs tasks and agents, as in: benchmark plan ffa_2-v2 --agent fast")
@@ -145,19 +146,8 @@ def _plan(options: argparse.Namespace) -> int:
     numbers["responses"] = sorted(steps for steps in options.responses if steps)
     pairs = [tuple(text.split(",")) for text in options.pair]
     made = manifest.write(options.out or RESULTS, chosen, agents, options.seed, pairs, **numbers)
-    print(f"{made.folder / manifest.NAME}: {_about(_entries(made), _jobs(options))}")
+    print(f"{made.folder / manifest.NAME}: {_about(entries_of(made), _jobs(options))}")
     return 0
-
-
-def _entries(made: Any, only: str = "", threads: int = 0) -> list[Any]:
-    """Return the entries of a manifest whose names begin with a text."""
-    from ..benchmark.entry import Entry
-
-    entries = [Entry(made, agent, task, seed, threads) for agent, task, seed in made.entries()]
-    chosen = [entry for entry in entries if str(entry).startswith(only)]
-    if not chosen:
-        raise TrainingError(f"no entry begins with {only!r}: they are {', '.join(map(str, entries))}")
-    return chosen
 
 
 def _about(entries: Sequence[Any], at_once: int) -> str:
@@ -193,9 +183,10 @@ class ChildEntry(ChildRun):
 def _run(options: argparse.Namespace) -> int:
     """Run the entries: one in this process, several side by side; then the matches between agents."""
     from ..benchmark import manifest
+    from ..benchmark.entry import entries_of
 
     made = manifest.read(_place(options))
-    entries = _entries(made, options.only, options.threads or 0)
+    entries = entries_of(made, options.only, options.threads or 0)
     if len(entries) == 1:
         return _run_one(entries[0], options)
     at_once, total = min(_jobs(options), len(entries)), sum(entry.work for entry in entries)
@@ -287,7 +278,10 @@ def _check(options: argparse.Namespace) -> int:
         with opened(Path(name)) as place:
             made = manifest.read(place)
             print(f"{name}: {Path(name).stat().st_size / 1e6:.1f} MB, track {made.track or 'none'}")
-            print(*scores.lines(scores.scores([made])), sep="\n")
+            try:
+                print(*scores.lines(scores.scores([made])), sep="\n")
+            except TrainingError as error:  # which verification reports, too
+                print(error)
     return _verify(options)
 
 
@@ -296,7 +290,7 @@ def _pack(options: argparse.Namespace) -> int:
     from ..benchmark.archive import pack
 
     place = _place(options)
-    out = options.out or place.with_suffix(".zip")
+    out = options.out or place.resolve().with_suffix(".zip")
     print(f"{out}: {pack(place, out, options.small) / 1e6:.2f} MB")
     return 0
 
@@ -311,7 +305,7 @@ def _table(options: argparse.Namespace) -> int:
         places = [stack.enter_context(opened(name)) for name in names]
         found = scores.scores([manifest.read(place) for place in places])
         games = list(itertools.chain.from_iterable(people.read(place) for place in places))
-        print(*table.write(found, games, options.out or names[0]), sep="\n")
+        print(*table.write(found, games, options.out or (names[0] if names[0].is_dir() else Path())), sep="\n")
     return 0
 
 
