@@ -545,7 +545,8 @@ def test_archives_hold_what_is_handed_in(results: Path, tmp_path: Path, capsys) 
     assert "MB, track none" in printed
     assert FUNCTION in printed
     assert " 0 wrong, " in printed
-    pack(results, tmp_path / "b.zip")
+    assert main(["benchmark", "pack", str(results), "--out", str(tmp_path / "b.zip")]) == 0
+    assert main(["benchmark", "pack", str(results), "--out", str(tmp_path / "b.zip")]) == 0  # again, in its place
     assert (tmp_path / "a.zip").read_bytes() == (tmp_path / "b.zip").read_bytes()
 
 

@@ -29,8 +29,8 @@ FIRST = (1980, 1, 1, 0, 0, 0)  # the date of all files: equal results give equal
 def pack(folder: Path, path: Path, small: bool = False) -> int:
     """Write the results in a folder to an archive, and return its bytes. Raises TrainingError.
 
-    small: Whether to leave out what publications need not have: candidates and best responses, and of all seeds but the
-    first also policies and matches. Then most matches cannot be verified.
+    small: Whether to leave out what publications need not have: candidates, best responses, the actions of functions,
+    and of all seeds but the first also policies and matches. Then most matches cannot be verified.
     """
     own = manifest.read(folder)
     names = [manifest.NAME, *([scores.NAME] if (folder / scores.NAME).exists() else [])]
@@ -38,8 +38,10 @@ def pack(folder: Path, path: Path, small: bool = False) -> int:
         found = own.result(agent, task, seed)
         files = [*sorted(found.folder.glob(f"*{policy_file.SUFFIX}")), *sorted(found.folder.glob(f"*{SUFFIX}"))]
         if small:
-            kept = {pairing.file for pairing in found.matches if pairing.candidate < 0} | {found.policy().name}
-            files = [each for each in files if each.name in kept] if seed == own.content["seeds"][0] else []
+            functions = {result.AGENT + name for name, other in own.agents.items() if other.function}
+            kept = {each.file for each in found.matches if each.candidate < 0 and each.against not in functions}
+            first = seed == own.content["seeds"][0] and not own.agents[agent].function
+            files = [each for each in files if first and each.name in kept | {found.policy().name}]
         if found.content["policy"] is not None:
             names += [str(each.relative_to(folder)) for each in (found.folder / result.NAME, *files)]
     content = io.BytesIO()

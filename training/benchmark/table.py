@@ -122,7 +122,7 @@ def _by_task(tasks: Mapping[str, Mapping[str, scores.Scores]]) -> Iterator[list[
                 _mean(outside, 3),
                 _mean(others, 2),
                 _cell(each["mates"][SELF], 2) if others else "",
-                ", ".join(f"{_short(name)} {_cell(value, 2)}" for name, value in each["exploitability"].items()),
+                ", ".join(f"{_short(name)}{_cell(value, 2)}" for name, value in each["exploitability"].items()),
                 f"{sum(passed)} of {len(passed)}" if passed else "",
                 str(len(each["seeds"])),
                 "unknown" if None in each["steps"] or not each["steps"] else f"{max(each['steps']):,}",
@@ -130,9 +130,9 @@ def _by_task(tasks: Mapping[str, Mapping[str, scores.Scores]]) -> Iterator[list[
 
 
 def _short(name: str) -> str:
-    """Return the name of a best response with millions of agent-steps: "scratch 5 M"."""
+    """Return the name of a best response with millions of agent-steps, "scratch 5 M "; "" without any."""
     kind, _, steps = name.partition(" ")
-    return f"{kind} {int(steps) / 1e6:g} M" if steps.isdigit() else ""
+    return f"{kind} {int(steps) / 1e6:g} M " if steps.isdigit() else ""
 
 
 def _mean(values: Sequence[scores.Value], digits: int) -> str:
