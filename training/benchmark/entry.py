@@ -73,7 +73,7 @@ class Entry:
 
     @property
     def situated(self) -> bool:
-        """Whether the agent is tried in situations, which only the first seed is."""
+        """Return whether the agent is tried in situations, which only the first seed is."""
         return bool(self.seed == self.manifest.content["seeds"][0])
 
     @property
@@ -168,7 +168,7 @@ def situated(task: Task, own: Contender) -> dict[str, float]:
 
 
 def _after(paths: Sequence[Path], steps: int) -> Path:
-    """Return the first of these checkpoints that has at least so many agent-steps."""
+    """Return the first of these checkpoints that has at least `steps` agent-steps."""
     return next(path for path in paths if int(path.stem.rpartition("_")[2]) >= steps)
 
 

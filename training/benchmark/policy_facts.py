@@ -20,7 +20,7 @@ from .suite import suite
 from .tasks import Task, check_training_seed
 
 STEPS = "steps"
-SAME, LARGE = 0.7, 256  # cosine of two matrices of at least so many weights: one run keeps 0.98, two seeds have 0.3
+SAME, LARGE = 0.7, 256  # cosine of two matrices, and their weights at least: one run keeps 0.98, two seeds have 0.3
 
 
 def described(path: Path, task: Task) -> Content:
@@ -93,7 +93,7 @@ def wrong_with_training(path: Path, config: TrainingConfig, steps: int, own: str
 
 
 def most_steps(steps: int) -> int:
-    """Return the most agent-steps of a training for so many: only whole rollouts are collected."""
+    """Return the most agent-steps of a training that is planned with `steps`: only whole rollouts are collected."""
     return int(1.01 * steps) + 2**16
 
 

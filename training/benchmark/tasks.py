@@ -136,8 +136,8 @@ def _survival() -> Iterator[Task]:
     for name in ("ffa_2", "ffa_3", "teams_2", "teams_3"):
         scenario = variant(name)
         yield _task(name, scenario.about, scenario)
-    mended = variant("teams_3+health_cap+team_share+bounty+steering")
-    yield _task("teams_3-mended", "teams_3 without the flaws of the paper's game", mended)
+    scenario = variant("teams_3+health_cap+team_share+bounty+steering")
+    yield _task("teams_3-mended", "teams_3 without the flaws of the paper's game", scenario)
 
 
 def _generalisation() -> Iterator[Task]:

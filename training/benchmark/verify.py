@@ -25,7 +25,7 @@ NEAR = 1e-4  # relative: smaller differences of figures are equal, since machine
 # Share of a saved policy's actions that may differ where another machine rounds otherwise, beside a few. For the
 # policies of games.ROUNDING it is at most 1.3e-6; a search for actions to alter finds 5e-5.
 SHARE, FEW = 5e-6, 3
-ROUNDED = 2 / 64  # of situations: of so many worlds, two may end otherwise on another machine
+ROUNDED = 2 / 64  # of situations: two of their 64 worlds may end otherwise on another machine
 
 
 @dataclass(frozen=True)

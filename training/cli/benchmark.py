@@ -11,12 +11,14 @@ from typing import Any
 
 from outlast.ecs.kernels.available import available_cores
 from outlast.envs.cli.grammar import Parser
-from outlast.envs.cli.options import STOPPED, add_options, count, positive, seed
+from outlast.envs.cli.options import STOPPED, add_options, count, output, positive, seed
 from outlast.envs.progress import Progress, duration
+from outlast.envs.storage.outputs import check_file
 from outlast.envs.text_table import terminal_width, text_table
 
 from ..base.config import TrainingConfig
 from ..base.errors import TrainingError, needed
+from ..base.files import check_out
 from ..benchmark.tasks import BUDGETS, GAMES, RESPONSES, task_of, tasks
 from ..runs.child_runs import MAIN, ChildRun, side_by_side
 from ..runs.live_view import LiveView
@@ -78,7 +80,7 @@ def add(commands: Any) -> None:
     text += "newest are taken"
     protocol.add_argument("--policies", type=Path, nargs="+", default=[], metavar="PATH", help=text)
     text = f"plan, people: folder of results (default {RESULTS}); table, anchors: folder; pack: file"
-    files.add_argument("--out", type=Path, metavar="PATH", help=text)
+    files.add_argument("--out", type=output(_check_out), metavar="PATH", help=text)
     text = "run, verify: only entries whose names begin with these words, as in 'fast ffa_2-v2 0'"
     files.add_argument("--only", default="", metavar="ENTRY", help=text)
     text = "pack: leave out what is too large to publish: candidates, best responses, and policies of other seeds"
@@ -100,10 +102,16 @@ def run(command: Parser, options: argparse.Namespace) -> int:
     given = [name for name, value in vars(options).items() if value != command.get_default(name)]
     if unused := [name for name in given if name not in ("action", "names", "run", *allowed)]:
         raise TrainingError(f"--{unused[0]} has no effect on benchmark {options.action}: leave it out")
+    options.out = options.out and Path(options.out)
     if options.action != "tasks":
         with needed("train", f"benchmark {options.action} needs"):
             import torch  # noqa: F401  # all else plays policies
     return action(options)
+
+
+def _check_out(place: str) -> Path:
+    """Check a folder for results, or the file of an archive. Raises TrainingError."""
+    return check_file(place, "archives", TrainingError) if place.endswith(".zip") else check_out(place)
 
 
 def _games(text: str) -> int:
