@@ -286,6 +286,12 @@ def other_opponents(first: Result) -> None:
     first.content["responses"]["scratch 1024"] |= policy_facts.described(path, tasks.task_of(NAME))
 
 
+def unplanned_response(first: Result) -> None:
+    """A weak one, with the name of an opponent, whose games it would play."""
+    first.content["responses"]["scripted"] = first.content["responses"]["scratch 1024"]
+    shutil.copy(first.response("scratch 1024"), first.response("scripted"))
+
+
 def no_policy(first: Result) -> None:
     first.content["policy"] = None
 
@@ -332,6 +338,7 @@ def swapped_file(first: Result) -> None:
         (longer, "policy.safetensors has 99 agent-steps, and [12],0.. are planned"),
         (much_longer, "policy.safetensors has 1,000,000 agent-steps, and [12],0.. are planned"),
         (other_opponents, "response-scratch-1024.safetensors was not trained as the protocol says: opponents is"),
+        (unplanned_response, "fast quick-v2 0: scripted is not in the manifest"),
         (no_policy, "fast quick-v2 0 has tests, but no policy that was chosen for them"),
         (other_response, "response-scratch-1024.safetensors was not trained as the protocol says: opponents is"),
         (tamed_response, "response-self-1024.safetensors was not trained as the protocol says: settings is"),

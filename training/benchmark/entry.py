@@ -127,16 +127,13 @@ def seats(
     """
 
     def named(name: str) -> Contender | None:
-        if name in result.content["responses"]:
-            path = result.response(name)
-            if not path.exists():
-                raise FileNotFoundError(path)
-            return Contender(name, str(path))
+        if name in suite(task).members:
+            return suite(task).members[name].contender()
         if name.startswith(AGENT):
             return rival(name.removeprefix(AGENT))
-        if name not in suite(task).members:
-            raise TrainingError(f"the suite of {task.name} has no member {name}")
-        return suite(task).members[name].contender()
+        if name not in result.content["responses"]:
+            raise TrainingError(f"neither the suite of {task.name} nor the plan has an opponent {name}")
+        return Contender(name, str(result.response(name)))
 
     others = [named(name) for name in (pairing.against, pairing.mate) if name != SELF]
     if pairing.against == SELF and pairing.mate != SELF:

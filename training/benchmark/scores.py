@@ -123,7 +123,8 @@ def check_planned(manifest: Manifest, found: Result, task: Task) -> None:
     planned = manifest.planned(agent, task, seed)
     if found.content["policy"] is None and any(pairing.candidate < 0 for pairing in found.matches):
         raise TrainingError(f"{found.name} has tests, but no policy that was chosen for them")
-    if more := [pairing for pairing in found.matches if pairing not in planned]:
+    responses = (name for name in found.content["responses"] if name not in manifest.responses(agent, seed))
+    if more := [*responses, *(pairing for pairing in found.matches if pairing not in planned)]:
         raise TrainingError(f"{found.name}: {more[0]} is not in the manifest")
     for pairing, match in found.matches.items():
         games = sum(match[name] for name in NUMBERS)

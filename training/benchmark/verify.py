@@ -97,8 +97,6 @@ def _found(what: str, judge: Callable[..., Verification], *arguments: Any) -> Ve
     """Return a finding; what cannot be read, or played, is wrong. judge: Returns it without `what`."""
     try:
         return replace(judge(*arguments), what=what)
-    except FileNotFoundError as error:
-        return Verification(what, missing=f"{Path(error.args[0]).name} is missing")
     except (RecordingError, ScenarioError, TrainingError, UsageError) as error:
         return Verification(what, str(error))
 
@@ -220,6 +218,8 @@ def _of_match(entry: Entry, result: Result, pairing: Pairing) -> Verification:
         return Verification("", missing="its file is not here")
     if digest(path) != match["moves"]:
         return Verification("", "its file is not the one that was made")
+    if pairing.against in result.content["responses"] and not (response := result.response(pairing.against)).exists():
+        return Verification("", missing=f"{response.name} is missing")
     own, absent = _agent(entry, result, pairing.candidate)
     rivals = dict[str, str]()
 
