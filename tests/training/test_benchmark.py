@@ -29,6 +29,7 @@ from outlast.training.benchmark.entry import Entry, EntryRun
 from outlast.training.benchmark.games import Moves, digest, play
 from outlast.training.benchmark.manifest import Manifest
 from outlast.training.benchmark.result import NUMBERS, Content, Pairing, Result
+from outlast.training.benchmark.situations import passed
 from outlast.training.policies.player import Player
 
 NAME, BUDGET, GAMES = "quick-v2", 2048, 4
@@ -309,8 +310,6 @@ def tamed_response(first: Result) -> None:
 
 def forged_actions(first: Result) -> None:
     """A whole match of a stronger policy, with its own file and its own numbers."""
-    own = [Player(str(first.policy())), None]
-    assert own
     match = first.matches[Pairing("trained", "scripted")]
     pair = [suite.SuiteOpponent("hunter").contender(), suite.SuiteOpponent("scripted").contender()]
     played = play(tasks.task_of(NAME).tests[0], pair, GAMES)
@@ -389,7 +388,7 @@ def test_what_cannot_be_verified_is_no_success(copy: Manifest, first: Result, ca
         (first.folder / Pairing.of(match).file).unlink()
     first.content["policy"] = first.content["candidates"][1]
     shutil.copy(first.policy(1), first.policy())
-    first.content["situations"] = entries.situated(tasks.task_of(NAME), EntryRun(entry(copy))._agent(-1))
+    first.content["situations"] = passed(tasks.task_of(NAME).scenario, EntryRun(entry(copy))._agent(-1))
     first.write()
     words = ["benchmark", "verify", str(copy.folder), "--quiet", "--jobs=1", "--only=fast quick-v2 0"]
     assert main(words) == 2

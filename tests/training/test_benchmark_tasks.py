@@ -186,8 +186,8 @@ def test_games_are_played_again_as_they_were(
     assert play(game, pair, COUNT, fewer).outcome == played.outcome  # on this machine, nothing is rounded
 
 
-def test_numbers_are_those_of_an_evaluation(game: tasks.TaskGame, pair: list[Contender], played: Played) -> None:
-    """A third policy in place of the first one's mates makes another match of teams."""
+def test_a_third_policy_plays_the_mates_of_the_first(played: Played) -> None:
+    """In its side, and the first one in each seat as often; every game counts."""
     outcome = played.outcome
     assert outcome["won"] + outcome["drawn"] + outcome["lost"] == COUNT
     teams = tasks._game("teams", variant("teams_2").replace(safe_zone_damage=20), 0)

@@ -34,13 +34,13 @@ def pack(folder: Path, path: Path, small: bool = False) -> int:
     """
     own = manifest.read(folder)
     names = [manifest.NAME, *([scores.NAME] if (folder / scores.NAME).exists() else [])]
-    for agent, task, seed in own.entries():
-        found = own.result(agent, task, seed)
+    functions = {result.AGENT + name for name, agent in own.agents.items() if agent.function}
+    for name, task, seed in own.entries():
+        found = own.result(name, task, seed)
         files = [*sorted(found.folder.glob(f"*{policy_file.SUFFIX}")), *sorted(found.folder.glob(f"*{SUFFIX}"))]
         if small:
-            functions = {result.AGENT + name for name, other in own.agents.items() if other.function}
             kept = {each.file for each in found.matches if each.candidate < 0 and each.against not in functions}
-            first = seed == own.content["seeds"][0] and not own.agents[agent].function
+            first = seed == own.content["seeds"][0] and not own.agents[name].function
             files = [each for each in files if first and each.name in kept | {found.policy().name}]
         if found.content["policy"] is not None:
             names += [str(each.relative_to(folder)) for each in (found.folder / result.NAME, *files)]

@@ -21,12 +21,12 @@ from ..base.errors import TrainingError
 from ..base.files import write_files
 from ..policies.player import weights_of
 from ..runs.run import TrainingRun
-from . import situations
 from .agents import Agent, Made
 from .games import SUFFIX, digest, play
 from .manifest import Manifest
 from .policy_facts import STEPS, agent_config, described, response_config
 from .result import AGENT, NAME, NUMBERS, SELF, Content, Pairing, Result, share
+from .situations import passed
 from .suite import suite
 from .tasks import Task, TaskGame
 
@@ -72,8 +72,8 @@ class Entry:
         return self.manifest.planned(self.agent, self.task, self.seed)
 
     @property
-    def situated(self) -> bool:
-        """Return whether the agent is tried in situations, which only the first seed is."""
+    def first(self) -> bool:
+        """Return whether its seed is the first one, which alone is tried in situations."""
         return bool(self.seed == self.manifest.content["seeds"][0])
 
     @property
@@ -83,10 +83,14 @@ class Entry:
         return {kind: max(self.manifest.content["responses"]) for kind, _ in names}
 
     @property
+    def training(self) -> int:
+        """The agent-steps of its training; 0 for an agent that exists."""
+        return Workload.of(self.config()).total if self.agent.trained else 0
+
+    @property
     def work(self) -> int:
         """All the work, in agent-steps of training: of trainings, and for matches as many as take the same time."""
-        trained = Workload.of(self.config()).total if self.agent.trained else 0
-        return trained + sum(self.responses.values()) + sum(map(self.match_work, self.planned))
+        return self.training + sum(self.responses.values()) + sum(map(self.match_work, self.planned))
 
     def match_work(self, pairing: Pairing) -> int:
         """Return the work of a match: the agent-steps of training that take about the same time."""
@@ -101,9 +105,8 @@ class Entry:
 
     def seconds(self) -> float:
         """Return the estimated seconds on one core of a machine like that of docs/performance.md."""
-        trained = Workload.of(self.config()).total if self.agent.trained else 0
         rate = RATES.get(self.agent.source, RATES[FAST])
-        return trained / rate + (self.work - trained) / RATES[FAST]
+        return self.training / rate + (self.work - self.training) / RATES[FAST]
 
 
 def entries_of(manifest: Manifest, only: str = "", threads: int = 0) -> list[Entry]:
@@ -158,12 +161,6 @@ def chosen(result: Result) -> int:
     return int(len(shares) - 1 - shares[::-1].argmax())
 
 
-def situated(task: Task, own: Contender) -> dict[str, float]:
-    """Return the share of worlds in which an agent passes each situation that the game of the task has."""
-    found = situations.shares(task.scenario, own)
-    return {name: value for name, value in found.items() if not isinstance(value, str)}
-
-
 def _after(paths: Sequence[Path], steps: int) -> Path:
     """Return the first of these checkpoints that has at least `steps` agent-steps."""
     return next(path for path in paths if int(path.stem.rpartition("_")[2]) >= steps)
@@ -190,8 +187,8 @@ class EntryRun:
                     self._choose()
                 if pairing not in self.result.matches and self._ready(pairing):
                     self._play(pairing)
-            if self.entry.situated and self.result.content["situations"] is None:
-                self.result.content["situations"] = situated(self.entry.task, self._agent(-1))
+            if self.entry.first and self.result.content["situations"] is None:
+                self.result.content["situations"] = passed(self.entry.task.scenario, self._agent(-1))
                 self.result.write()
         return self.result
 

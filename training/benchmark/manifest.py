@@ -4,7 +4,6 @@ A manifest never changes: every result names its digest, so results of another p
 was not run is missing in every table.
 """
 
-import hashlib
 import itertools
 import json
 from collections.abc import Callable, Sequence
@@ -18,6 +17,7 @@ from outlast.envs.scenarios.fingerprint import difference, fingerprint, is_finge
 from ..base.errors import TrainingError
 from . import result
 from .agents import Agent
+from .games import digest
 from .policy_facts import agent_config
 from .result import AGENT, KINDS, SELF, Content, Pairing, Result, is_count, is_digest, is_name, read_json
 from .suite import suite
@@ -171,7 +171,7 @@ def read(folder: Path) -> Manifest:
     if not path.is_file():
         raise TrainingError(f"{folder} does not hold {NAME}: make one by `outlast benchmark plan`")
     content = read_json(path, _wrong)
-    return Manifest(folder, content, hashlib.sha256(path.read_bytes()).hexdigest())
+    return Manifest(folder, content, digest(path))
 
 
 def _checked(name: str, own: Content) -> Task:

@@ -47,7 +47,7 @@ class Pairing(NamedTuple):
     @classmethod
     def of(cls, match: Content) -> "Pairing":
         """Return the pairing of a match of a result."""
-        return cls(match["game"], match["against"], match["mate"], match["candidate"])
+        return cls(*(match[name] for name in cls._fields))
 
     def __str__(self) -> str:
         who = f"candidate {self.candidate}, " if self.candidate >= 0 else ""

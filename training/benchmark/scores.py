@@ -12,6 +12,7 @@ import numpy as np
 from ..arena.ratings import anchored
 from ..base import statistics
 from ..base.errors import TrainingError
+from .agents import Agent
 from .manifest import Manifest
 from .policy_facts import most_steps
 from .result import AGENT, NUMBERS, SELF, Content, Pairing, Result, share
@@ -98,7 +99,7 @@ def _agent(manifest: Manifest, name: str, task: Task) -> Scores:
         },  # against the same opponents
         "curve": curve,
         "rating": _rating(played, task),
-        "exploitability": _exploitability(manifest, name, value),
+        "exploitability": _exploitability(manifest, agent, played[seeds[0]]),
         "self_play": {figure: _figure(played, figure) for figure in OWN_FIGURES},
         "situations": dict(sorted(first.items())),
     }
@@ -113,7 +114,7 @@ def over_seeds(values: Mapping[int, float | None], absent: str = MISSING) -> Val
     status = PARTLY if len(known) < len(values) else FEW if len(known) < LEAST else MEASURED
     low, high = statistics.interval(each) or (None, None)
     ends = {} if low is None else {"low": rounded(low), "high": rounded(high)}
-    mean = {} if status == PARTLY else {"mean": rounded(np.mean(each)), **ends}  # who leaves out a seed gets no mean
+    mean = {"mean": rounded(np.mean(each)), **ends} if status != PARTLY else {}  # who leaves out a seed gains nothing
     return {"status": status, **mean, "seeds": rounded(each)}
 
 
@@ -164,15 +165,15 @@ def _rating(played: Mapping[int, Mapping[Pairing, Content]], task: Task) -> Valu
     return value
 
 
-def _exploitability(manifest: Manifest, name: str, value: Callable[..., Value]) -> dict[str, Value]:
-    """Return the shares of games that best responses win, by their names."""
-    agent, first = manifest.agents[name], manifest.content["seeds"][0]
+def _exploitability(manifest: Manifest, agent: Agent, first: Mapping[Pairing, Content]) -> dict[str, Value]:
+    """Return the shares of games that best responses win, by their names. first: The matches of the first seed."""
     if agent.function:
         return {"best response": {"status": IMPOSSIBLE}}
-    planned = manifest.responses(agent, first)
-    found = {response: value([Pairing(TRAINED, response)]) for response in planned}
-    lost = {name: over_seeds({first: 1 - own["seeds"][0]}) if "seeds" in own else own for name, own in found.items()}
-    return lost or {"best response": {"status": UNPLANNED}}
+    seed, found = manifest.content["seeds"][0], dict[str, Value]()
+    for name in manifest.responses(agent, seed):
+        match = first.get(Pairing(TRAINED, name))
+        found[name] = over_seeds({seed: None if match is None else 1 - share(match)})
+    return found or {"best response": {"status": UNPLANNED}}
 
 
 def _figure(played: Mapping[int, Mapping[Pairing, Content]], name: str) -> Value:

@@ -381,13 +381,19 @@ def shares(
     return found
 
 
+def passed(scenario: Scenario, contender: Contender) -> dict[str, float]:
+    """Return the share of worlds in which a policy passes each situation that the game has."""
+    found = shares(scenario, contender)
+    return {name: value for name, value in found.items() if not isinstance(value, str)}
+
+
 def table(columns: Sequence[dict[str, float | str]]) -> list[tuple[str, ...]]:
     """Return a row for each situation: its name, and the results of `shares` of its solution and of each policy.
 
     The row of a situation that the game lacks something for says what. The last row counts the situations passed, in at
     least SHARE of the worlds.
     """
-    rows, passed, played = list[tuple[str, ...]](), [0] * len(columns), 0
+    rows, counts, played = list[tuple[str, ...]](), [0] * len(columns), 0
     for name in columns[0]:
         values = [own[name] for own in columns]
         if isinstance(values[0], str):
@@ -395,6 +401,6 @@ def table(columns: Sequence[dict[str, float | str]]) -> list[tuple[str, ...]]:
             continue
         played += 1
         numbers = [float(value) for value in values]
-        passed = [count + (number >= SHARE) for count, number in zip(passed, numbers, strict=True)]
+        counts = [count + (number >= SHARE) for count, number in zip(counts, numbers, strict=True)]
         rows.append((name, *(f"{number:.2f}" for number in numbers)))
-    return [*rows, ("passed", *(f"{count} of {played}" for count in passed))]
+    return [*rows, ("passed", *(f"{count} of {played}" for count in counts))]

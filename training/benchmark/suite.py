@@ -24,7 +24,7 @@ from ..arena.ratings import elo
 from ..base import policy_file, run_header
 from ..base.errors import TrainingError
 from ..policies.player import Player, weights_of
-from .games import play
+from .games import digest, play
 from .result import Content, are_finite, made, read_json, write_json
 from .tasks import PROTOCOL, Task
 
@@ -117,7 +117,7 @@ def _read(task: Task, place: Path, changed: int) -> Suite:
         SuiteOpponent(entry["name"], float(entry["elo"]), float(entry["error"]), anchors.get(entry["name"]))
         for entry in rated["members"]
     ]
-    return Suite({member.name: member for member in members}, hashlib.sha256(place.read_bytes()).hexdigest())
+    return Suite({member.name: member for member in members}, digest(place))
 
 
 def _place(task: Task) -> Path:
@@ -184,13 +184,13 @@ def make(
     ratings, errors = elo(wins, draws)
     count = len(task.styles)
     order = [*range(count), *(count + np.argsort(ratings[count:])).tolist()]  # anchors of rising strength
-    anchors = [anchors[k - count] for k in order[count:]]
+    anchors = [anchor for k in order if (anchor := players[k].anchor) is not None]
     members = [
-        {"name": f"anchor-{at - count + 1}" if players[k].anchor else players[k].name}
-        | {"elo": round(float(ratings[k]), 1), "error": round(float(errors[k]), 1)}
-        | ({key: anchors[at - count][0][key] for key in OWN} if players[k].anchor else {})
-        for at, k in enumerate(order)
+        {"name": players[k].name, "elo": round(float(ratings[k]), 1), "error": round(float(errors[k]), 1)}
+        for k in order
     ]
+    for number, (member, (header, _)) in enumerate(zip(members[count:], anchors, strict=True), 1):
+        member |= {"name": f"anchor-{number}"} | {key: header[key] for key in OWN}
     common = [{key: value for key, value in header.items() if key not in (*OWN, "modules")} for header, _ in anchors]
     shapes = [[{name: values.shape for name, values in one.items()} for one in policies] for _, policies in anchors]
     if any(each != common[0] for each in common) or any(each != shapes[0] for each in shapes):

@@ -154,7 +154,7 @@ def _rating(value: scores.Value) -> str:
     """Return a rating with its interval over seeds; of too few seeds, the ratings of each."""
     if value["status"] != scores.FEW:
         return _cell(value, 0)
-    return f"{value['status']}: {', '.join(f'{each:.0f}' for each in value['seeds'])}"
+    return f"{value['status']}: {', '.join(str(round(each)) for each in value['seeds'])}"
 
 
 def _more(found: scores.Scores) -> Iterator[tuple[str, bytes]]:

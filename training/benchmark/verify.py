@@ -5,7 +5,6 @@ import json
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +14,12 @@ from ..arena.players import Contender
 from ..base.errors import TrainingError
 from ..base.processes import results
 from . import scores
-from .entry import Entry, chosen, entries_of, game_of, seats, situated
+from .entry import Entry, chosen, entries_of, game_of, seats
 from .games import Moves, digest, play
 from .manifest import Manifest, read
 from .policy_facts import SAME, agent_config, described, likeness, response_config, wrong_with_training
 from .result import NUMBERS, SELF, Content, Pairing, Result, read_json
+from .situations import passed
 
 NEAR = 1e-4  # relative: smaller differences of figures are equal, since machines round sums differently
 # Share of a saved policy's actions that may differ where another machine rounds otherwise, beside a few. For the
@@ -82,7 +82,7 @@ def verify(folder: Path, at_once: int = 1, only: str = "") -> Iterator[Verificat
     found = results([check for plan in plans for check in plan], at_once)
     for plan in plans:
         first, matches = next(found), []
-        for match in islice(found, len(plan) - 1):
+        for match in itertools.islice(found, len(plan) - 1):
             matches.append(match)
             yield match
         yield first.of(matches)
@@ -122,19 +122,18 @@ def _of_scores(manifest: Manifest) -> Verification:
 
 def checks(entry: Entry) -> list[Check]:
     """Return the checks of an entry, each with one finding: the entry itself first, then matches, and situations."""
-    found: list[Check] = [partial(_found, str(entry), _of_entry, entry)]
     try:
         result = entry.manifest.result(entry.name, entry.task, entry.seed)
-    except TrainingError:  # which the entry itself reports
-        return found
+    except TrainingError as error:
+        return [partial(Verification, str(entry), str(error))]
+    found: list[Check] = [partial(_found, str(entry), _of_entry, entry, result)]
     found += [partial(_found, f"{entry}, {pairing}", _of_match, entry, result, pairing) for pairing in result.matches]
-    if entry.situated and result.content["policy"] is not None:
+    if entry.first and result.content["policy"] is not None:
         found.append(partial(_found, f"{entry}, situations", _of_situations, entry, result))
     return found
 
 
-def _of_entry(entry: Entry) -> Verification:
-    result = entry.manifest.result(entry.name, entry.task, entry.seed)
+def _of_entry(entry: Entry, result: Result) -> Verification:
     return Verification("", _wrong_with_entry(entry, result), _missing_of_entry(entry, result))
 
 
@@ -157,7 +156,7 @@ def _wrong_with_entry(entry: Entry, result: Result) -> str:
     """Return the fault in the policies and the plan of an entry; empty if they are valid."""
     content, task = result.content, entry.task
     scores.check_planned(entry.manifest, result, task)
-    count, trained, policy = len(content["candidates"]), entry.agent.trained, content["policy"]
+    count, policy, own = len(content["candidates"]), content["policy"], entry.manifest.content
     if entry.agent.function:
         known = policy is None or (policy["steps"], policy["of_task"], policy["met"]) == (None, False, [])
         return "" if known and not count else "it is a function, of whose training nothing can be known"
@@ -166,11 +165,11 @@ def _wrong_with_entry(entry: Entry, result: Result) -> str:
     if count != entry.manifest.candidates(entry.agent):
         return f"it has {count} candidates: {entry.manifest.candidates(entry.agent)} are planned"
     best = chosen(result)
-    if content["policy"] != content["candidates"][best]:
+    if policy != content["candidates"][best]:
         return f"its policy is not candidate {best}, which won most games in the validation"
-    facts = [(result.policy(), content["policy"])]
-    facts += [(result.policy(k), own) for k, own in enumerate(content["candidates"])]
-    facts += [(result.response(name), own) for name, own in content["responses"].items()]
+    facts = [(result.policy(), policy)]
+    facts += [(result.policy(k), each) for k, each in enumerate(content["candidates"])]
+    facts += [(result.response(name), each) for name, each in content["responses"].items()]
     for path, given in facts:
         if not path.exists():
             continue
@@ -179,8 +178,7 @@ def _wrong_with_entry(entry: Entry, result: Result) -> str:
         for what, found in described(path, task).items():
             if given[what] != found:
                 return f"{what} of {path.name} is {given[what]} in the result, but {found} in the file"
-    own = entry.manifest.content
-    if trained:
+    if entry.agent.trained:
         config = agent_config(task, entry.agent, entry.seed, own["budget"], own["checkpoints"], 1)
         for path, k in [(result.policy(), best), *((result.policy(k), k) for k in range(count))]:
             steps = min(config.steps, config.every * (k + 1))
@@ -202,13 +200,13 @@ def _of_situations(entry: Entry, result: Result) -> Verification:
         return Verification("", missing="it has not been tried in situations")
     if own is None:
         return Verification("", missing=absent)
-    found = situated(entry.task, own)
+    found = passed(entry.task.scenario, own)
     if given.keys() != found.keys():
         return Verification("", f"it has {', '.join(given) or 'none'}: the game has {', '.join(found) or 'none'}")
-    other = [name for name, value in found.items() if abs(given[name] - value) > ROUNDED]
-    return Verification(
-        "", f"{other[0]} is {given[other[0]]} in the result, but {found[other[0]]} here" if other else ""
-    )
+    for name, value in found.items():
+        if abs(given[name] - value) > ROUNDED:
+            return Verification("", f"{name} is {given[name]} in the result, but {value} here")
+    return Verification("")
 
 
 def _of_match(entry: Entry, result: Result, pairing: Pairing) -> Verification:

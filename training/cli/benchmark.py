@@ -196,14 +196,14 @@ def _run(options: argparse.Namespace) -> int:
     if len(entries) == 1:
         return _run_one(entries[0], options)
     at_once, total = min(_jobs(options), len(entries)), sum(entry.work for entry in entries)
-    for chosen in (entries, [entry for entry in entries if made.opponents(entry.name)]):
+
+    def done() -> int:
+        return sum(entry.done() for entry in entries)
+
+    for chosen in filter(None, (entries, [entry for entry in entries if made.opponents(entry.name)])):
         children = [ChildEntry(entry, options.threads or 1) for entry in chosen]
-        view = LiveView(
-            sum(each.done() for each in entries), total, quiet=options.quiet, about=_about(entries, at_once)
-        )
-        if children and (
-            status := side_by_side(children, at_once, view, lambda: sum(e.done() for e in entries), AGAIN)
-        ):
+        view = LiveView(done(), total, quiet=options.quiet, about=_about(entries, at_once))
+        if status := side_by_side(children, at_once, view, done, AGAIN):
             return status
     return 0
 
@@ -253,8 +253,11 @@ def _score(options: argparse.Namespace) -> int:
     return 2 if gone else 0
 
 
-def _verify(options: argparse.Namespace) -> int:
-    """Verify. Return exit status 1 if anything is wrong, 2 if anything could not be verified, otherwise 0."""
+def _verify(options: argparse.Namespace, introduce: Callable[[str, Path], None] = lambda name, place: None) -> int:
+    """Verify. Return exit status 1 if anything is wrong, 2 if anything could not be verified, otherwise 0.
+
+    introduce: Called with each name in the arguments and the folder of its results.
+    """
     from ..benchmark.archive import opened
     from ..benchmark.verify import verify
 
@@ -262,6 +265,7 @@ def _verify(options: argparse.Namespace) -> int:
     counts = {fine: 0, wrong: 0, missing: 0}
     for name in options.names or [RESULTS]:
         with opened(Path(name)) as place:
+            introduce(name, place)
             for found in verify(place, _jobs(options), options.only):
                 kind = wrong if found.wrong else missing if found.missing else fine
                 counts[kind] += 1
@@ -274,21 +278,22 @@ def _verify(options: argparse.Namespace) -> int:
 
 
 def _check(options: argparse.Namespace) -> int:
-    """Do what a maintainer does with an entry: score it anew, verify all, and print a summary. Return as `_verify`."""
-    from ..benchmark import manifest, scores
-    from ..benchmark.archive import opened
-
+    """Do what a maintainer does with an entry: score it anew, and verify all. Return as `_verify`."""
     if not options.names:
         raise TrainingError("benchmark check needs archives that `outlast benchmark pack` made, as in: check mine.zip")
-    for name in options.names:
-        with opened(Path(name)) as place:
-            made = manifest.read(place)
-            print(f"{name}: {Path(name).stat().st_size / 1e6:.1f} MB, track {made.track or 'none'}")
-            try:
-                print(*scores.lines(scores.scores([made])), sep="\n")
-            except TrainingError as error:  # which verification reports, too
-                print(error)
-    return _verify(options)
+    return _verify(options, _introduce)
+
+
+def _introduce(name: str, place: Path) -> None:
+    """Print size, track and scores of an archive, which is open in a folder."""
+    from ..benchmark import manifest, scores
+
+    made = manifest.read(place)
+    print(f"{name}: {Path(name).stat().st_size / 1e6:.1f} MB, track {made.track or 'none'}")
+    try:
+        print(*scores.lines(scores.scores([made])), sep="\n")
+    except TrainingError as error:  # which verification reports, too
+        print(error)
 
 
 def _pack(options: argparse.Namespace) -> int:
