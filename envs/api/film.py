@@ -108,7 +108,7 @@ def film(
     """
     _check(STEPS if steps is None else steps, mosaic, views)
     check_pictures(size, mosaic or (1, 1), every)  # before worlds are made: `mosaic` decides their number
-    check_film(out)
+    check_film(out, fps)
     looks, more = Looks(size, mosaic, views, every, fps), tuple(checked_layers(layers))
     if (recording := _recording(game)) is not None:
         check_decided("the recording", FilmError, policy=policy, others=others, seed=seed, **numbers)
@@ -137,6 +137,7 @@ def _check(steps: Any, mosaic: Any, views: Any) -> None:
         raise FilmError(str(error)) from None
     if not isinstance(views, str):
         raise FilmError(f'views = {views!r}: a text is needed, as in "+vision,-scores"')
+    select(views)
 
 
 def write_film_of(

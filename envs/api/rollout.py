@@ -125,6 +125,7 @@ def rollout(
     _check_counts(steps=(steps, 0), worlds=(worlds, 1), episodes=(episodes, 1), threads=(threads, 1), seed=(seed, 0))
     if steps and episodes is not None:
         raise UsageError("rollout: steps and episodes exclude each other; give one of them")
+    check_files(record, record_policy, events, csv)
     stopped = None
     with contextlib.ExitStack() as stack:
         if isinstance(game, SurvivalVectorEnv):
@@ -223,11 +224,10 @@ def prepared(
     """Open the files of a rollout, and yield a function that plays the steps, or else episodes, of these worlds.
 
     Raises:
-        UsageError: `record_policy` without a recording, a file that cannot be written, or one for two things.
+        UsageError: A file cannot be written.
         KeyboardInterrupt: After Ctrl-C, when all files are complete; with the summary as its argument if it came behind
             the last step.
     """
-    _check_files(record, record_policy, events, csv)
     thinks, plays = (against.policy, against.plays) if against else (policy, None)
     watchers = [each for each in (watch, against and against.watch) if each]
     numbers = np.ones(env.num_worlds, np.int64)  # number of the episode that each world is in
@@ -293,8 +293,8 @@ def _check_counts(**counts: tuple[Any, int]) -> None:
             check_count(name, value, least)
 
 
-def _check_files(record: File | None, record_policy: bool, events: File | None, csv: File | None) -> None:
-    """Raise UsageError for `record_policy` without a recording, or one file for two things."""
+def check_files(record: File | None, record_policy: bool, events: File | None, csv: File | None) -> None:
+    """Raise UsageError, before worlds are made, for `record_policy` alone or one file for two things."""
     if record_policy and record is None:
         raise UsageError("record_policy (--record-policy) is about recordings: name a file to record into, too")
     found: dict[str, str] = {}

@@ -15,7 +15,7 @@ from outlast.ecs.kernels.errors import OutlastError
 
 from ..api.make import make_vec
 from ..api.options import RolloutOptions
-from ..api.rollout import prepared, worlds_of
+from ..api.rollout import check_files, prepared, worlds_of
 from ..core.options import MACHINE, OUTPUT
 from ..errors import ClusterError, UsageError
 from ..progress import Progress
@@ -98,6 +98,7 @@ def _here(options: argparse.Namespace, asked: Scenario) -> Iterator[tuple[int, W
     """Yield the number of agents in a world, and what rolls out on this machine."""
     settings = {name: getattr(options, name) for name in ("seed", "threads", "specialize", "interpret")}
     files = {name: getattr(options, name) for name in ("record", "record_policy", "events", "csv")}
+    check_files(**files)
     made = worlds_of(asked, options.policy, options.others, options.worlds, **settings)
     with contextlib.closing(made[0]), prepared(*made, steps=options.steps, episodes=options.episodes, **files) as play:
         yield made[0].num_agents, play

@@ -42,7 +42,7 @@ def write_film(path: str | os.PathLike[str], frames: Iterable[Image], fps: int =
     Raises:
         FilmError: The path, frames or rate is not valid, FFmpeg is needed but missing, or the disk is full.
     """
-    given, codec = Path(path), _checked(path, fps)
+    given, codec = Path(path), check_film(path, fps)
     target, shapes = Path(os.path.realpath(given)), list[tuple[int, ...]]()
     try:
         with _temporary_folder(target) as folder:
@@ -60,8 +60,8 @@ def ending(path: Path) -> str:
     return "" if path.is_dir() else path.suffix.lower()
 
 
-def check_film(path: str | os.PathLike[str]) -> Codec:
-    """Return the codec of a film that can be written there. Raises FilmError."""
+def check_film(path: str | os.PathLike[str], fps: Any = FPS) -> Codec:
+    """Return the codec of a film of this rate that can be written there. Raises FilmError."""
     target = Path(path)
     suffix = ending(target)
     if suffix not in CODECS:
@@ -77,16 +77,11 @@ def check_film(path: str | os.PathLike[str]) -> Codec:
         check_file(target, "films", FilmError)
     if CODECS[suffix].extra:
         find_ffmpeg(suffix)
-    return CODECS[suffix]
-
-
-def _checked(path: str | os.PathLike[str], fps: Any) -> Codec:
-    """Return the codec of a film of this rate. Raises FilmError, before any frame is drawn, if there cannot be one."""
-    suffix, codec = ending(Path(path)), check_film(path)
+    codec = CODECS[suffix]
     if not is_whole(fps, 1, codec.fastest):
         raise FilmError(f"fps = {fps!r}: an integer from 1 to {codec.fastest} is needed for {suffix or 'a folder'}")
     if not suffix and fps != FPS:
-        raise FilmError(f"fps = {fps}: for films only; {Path(path)} is a folder of pictures, which keeps no rate")
+        raise FilmError(f"fps = {fps}: for films only; {target} is a folder of pictures, which keeps no rate")
     return codec
 
 
