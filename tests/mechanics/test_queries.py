@@ -13,7 +13,7 @@ from outlast.ecs import Archetype, Array, Bitset, Module, Rows, Singleton, Write
 from outlast.queries import Bodies, around, distance, first_on_ray, line_of_sight, nearest, within
 from tests.conftest import scaled
 from tests.helpers import naive_geometry as naive
-from tests.physics.test_polygons import corners_of, random_polygon
+from tests.helpers.contact_batches import corners_of, random_polygon
 
 FAR = np.float32(2)
 ENOUGH = 1e-4  # metres: where an answer turns, rounding decides

@@ -80,28 +80,18 @@ def join(made: Worlds, w: int, world: Any, bodies: dict[int, Any]) -> list[Any]:
             o = int(table.other[w, e])
             if o < 0 or e not in bodies or not (moves[e] or moves[o]):
                 continue
-            ends = {
-                "bodyA": bodies[e],
-                "bodyB": bodies[o],
-                "localAnchorA": (float(table.x[w, e]), float(table.y[w, e])),
-            }
+            place = float(table.x[w, e]), float(table.y[w, e])
+            ends = {"bodyA": bodies[e], "bodyB": bodies[o], "localAnchorA": place}
             spring = {"frequencyHz": float(table.hertz[w, e]), "dampingRatio": float(table.damping[w, e])}
             if kind is Weld:
                 present = made[Body].angle[w, o] - made[Body].angle[w, e]
                 turns = np.float32(round(float(present - table.angle[w, e]) / (2 * np.pi)))
                 angle = float(table.angle[w, e] + turns * np.float32(2 * np.pi))
-                link = world.CreateWeldJoint(
-                    **ends,
-                    **spring,
-                    localAnchorB=(0, 0),
-                    referenceAngle=angle,
-                    collideConnected=False,
-                )
+                own = {"localAnchorB": (0, 0), "referenceAngle": angle, "collideConnected": False}
+                link = world.CreateWeldJoint(**ends, **spring, **own)
             else:
-                other = {
-                    "localAnchorB": (float(table.other_x[w, e]), float(table.other_y[w, e])),
-                    "collideConnected": True,
-                }
+                there = float(table.other_x[w, e]), float(table.other_y[w, e])
+                other = {"localAnchorB": there, "collideConnected": True}
                 length = float(table.length[w, e])
                 if table.rod[w, e]:
                     link = world.CreateDistanceJoint(**ends, **other, **spring, length=length)
