@@ -101,11 +101,10 @@ FIRST = {
     "transfer": "fidelity",
 }
 NUMBERS = "numbers scenario"  # where a number of a module is declared
-LEFT_OUT_TESTS = (  # three slow ones, and one whose child process imports the installed outlast
+LEFT_OUT_TESTS = (  # three slow ones
     "ablations.py::test_scripted_agents_can_steer",
     "fidelity_rules.py::test_the_longest_life_without_heals",
     "scenario.py::test_what_is_left_runs",
-    "box2d.py::test_a_cached_kernel_runs_in_another_process",
 )
 
 
