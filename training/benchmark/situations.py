@@ -2,8 +2,7 @@
 
 Ratings show whom an agent beats, situations what it can do. Each puts the first agent into a scene of its own game, at
 a random place and heading in each world, and plays it for some ticks. All other agents stand still, unless the scene
-has an attacker; those that are not part of it are far behind. The solution of a situation, one of the scripted styles
-or a function like these, passes it.
+has an attacker; those that are not part of it are far behind. The solution of a situation, a scripted style, passes it.
 """
 
 import contextlib
@@ -19,7 +18,7 @@ from outlast.components import Body, Box, Health, Item, Wall, Zone
 from outlast.ecs import Clock, Entity
 from outlast.envs.core.agents import side
 from outlast.envs.core.vector_env import SurvivalVectorEnv
-from outlast.envs.rollout.policies import STYLES, Policy
+from outlast.envs.rollout import styles
 from outlast.envs.rollout.saved import common_scenario
 from outlast.envs.rollout.styles import AIMED, STRIKE, SWEEP, Intent, Seen, closer, first, follow, unit
 from outlast.envs.scenarios.scenario import Scenario
@@ -28,90 +27,94 @@ from ..arena.players import Contender
 from .tasks import SITUATION_SEED
 
 Array = np.ndarray[Any, Any]
+Places = dict[str, tuple[float, ...]]  # the arguments of `Scene.put` by name
 WORLDS, SEED = 64, SITUATION_SEED  # games of a situation, and the seed of their worlds, which training may not use
 MIDDLE = 1.0  # metres: the first agent begins at most so far from the middle of the room, along both axes
 AWAY, APART = -10.5, 1.5  # metres: where agents wait that are not part of a scene, and how far from each other
 WEAK, HURT, FULL = 10, 30, 100  # hit points
 FAR = 3.0  # metres: beyond what an agent slows down for
+PHASE = 3  # of the zone, in a scene with a rim
 SHARE = 0.9  # of the games: a policy that passes at least so many passes the situation
 OPEN, FIXED = "open floor", "fixed number of agents"  # what every situation needs
+NEEDS = {"heal": "heal", "box": "box", "box_item": "box", "mate": "mate", "other": "enemies", "zone": "zone"}
 
 
 class Scene:
-    """A situation in worlds that have been reset, seen from the first agent: `ahead` of it, and to its `left`.
+    """Worlds that have been reset, seen from the first agent: `ahead` of it, and to its `left`.
 
-    Attributes:
-        me: Number of the agent that is tested: 0.
-        mates: Numbers of the agents of its side.
-        enemies: Numbers of all others.
+    Names are "me", "mate", "enemy" and "other", an enemy too, of agents; "heal", "box" and "box_item".
     """
 
     def __init__(self, env: SurvivalVectorEnv, seed: int) -> None:
-        """Put agents that are not part of the scene far behind, and remove all else."""
+        """Put all agents but the first far behind, and remove all else."""
         self.env, self.worlds, rng = env, env.worlds, np.random.default_rng(seed)
-        count = env.num_worlds
-        self.heading = rng.uniform(-math.pi, math.pi, count)
-        self.x, self.y = rng.uniform(-MIDDLE, MIDDLE, (2, count))
+        self.heading = rng.uniform(-math.pi, math.pi, env.num_worlds)
+        self.x, self.y = rng.uniform(-MIDDLE, MIDDLE, (2, env.num_worlds))
         sides = side(env.worlds)[0]
-        self.me, self.mates = 0, [int(k) for k in np.flatnonzero(sides == sides[0])[1:]]
-        self.enemies = [int(k) for k in np.flatnonzero(sides != sides[0])]
+        mates, enemies = np.flatnonzero(sides == sides[0])[1:].tolist(), np.flatnonzero(sides != sides[0]).tolist()
+        self.agents = {"me": 0, **dict(zip(["mate"], mates)), **dict(zip(["enemy", "other"], enemies))}
         for kind in ("heal", "box", "box_item"):
             self.worlds[Entity].alive[:, self.worlds.span(kind)] = 0
-        for k, number in enumerate((*self.mates, *self.enemies)):
-            self.agent(number, AWAY, APART * (k - 1), math.pi)
-        self.agent(self.me, 0.0, 0.0)
+        for k, number in enumerate((*mates, *enemies)):
+            self._place("agent", number, AWAY, APART * (k - 1), math.pi, points=FULL)
+        self.put("me")
 
-    def put(self, kind: str, number: int, ahead: float, left: float, turned: float = 0.0, **values: Any) -> int:
-        """Put an entity somewhere, and return its row. turned: How far it is turned to the left, radians."""
+    def put(self, name: str, ahead: float = 0, left: float = 0, turned: float = 0, points: float = FULL) -> None:
+        """Put an entity somewhere, turned to the left by so many radians; or the rim of the zone ahead."""
+        if name == "zone":
+            self._zone(ahead)
+        elif name in self.agents:
+            self._place("agent", self.agents[name], ahead, left, turned, points=points)
+        else:
+            self._place(name, 0, ahead, left, turned)
+
+    def _place(self, kind: str, number: int, ahead: float, left: float, turned: float, **values: Any) -> None:
         cosine, sine = np.cos(self.heading), np.sin(self.heading)
         x, y = self.x + ahead * cosine - left * sine, self.y + ahead * sine + left * cosine
-        return self.env.place(kind, number, x=x, y=y, angle=self.heading + turned, **values)
+        self.env.place(kind, number, x=x, y=y, angle=self.heading + turned, **values)
 
-    def agent(self, number: int, ahead: float, left: float, turned: float = 0.0, points: int = FULL) -> int:
-        """Put an agent somewhere, and return its row."""
-        return self.put("agent", number, ahead, left, turned, points=points)
-
-    def heal(self, number: int, ahead: float, left: float = 0.0) -> int:
-        """Put a heal somewhere, and return its row."""
-        return self.put("heal", number, ahead, left)
-
-    def zone(self, phase: int, beyond: float) -> None:
+    def _zone(self, beyond: float) -> None:
         """Let a phase of the zone begin, so that the first agent is so many metres beyond its rim, which is ahead."""
         numbers = self.env.scenario.numbers()
-        ahead = numbers["safe_zone_radii"][phase] + beyond
+        ahead = numbers["safe_zone_radii"][PHASE] + beyond
         place = self.x + ahead * np.cos(self.heading), self.y + ahead * np.sin(self.heading)
-        self.worlds[Zone].centres[:, phase : phase + 2] = np.stack(place, -1)[:, None]
-        self.worlds[Clock].tick[:] = phase * (numbers["safe_zone_stand"] + numbers["safe_zone_shrink"])
+        self.worlds[Zone].centres[:, PHASE : PHASE + 2] = np.stack(place, -1)[:, None]
+        self.worlds[Clock].tick[:] = PHASE * (numbers["safe_zone_stand"] + numbers["safe_zone_shrink"])
 
-    def points(self, number: int) -> Array:
+    def row(self, name: str) -> int:
+        """Return the row of an entity."""
+        kind = "agent" if name in self.agents else name
+        return int(self.worlds.span(kind).start + self.agents.get(name, 0))
+
+    def points(self, name: str = "me") -> Array:
         """Return the hit points of an agent, (worlds,)."""
-        return np.asarray(self.worlds[Health].points[:, self.row(number)])
+        return np.asarray(self.worlds[Health].points[:, self.row(name)])
 
-    def row(self, number: int) -> int:
-        """Return the row of an agent."""
-        return int(self.worlds.span("agent").start + number)
+    def carries(self, name: str, item: str) -> Array:
+        """Return whether an agent carries an item, bool (worlds,)."""
+        return np.asarray(self.worlds[Item].holder[:, self.row(item)] == self.row(name))
 
-    def carries(self, number: int, item: int) -> Array:
-        """Return whether an agent carries the item in row `item`, bool (worlds,)."""
-        return np.asarray(self.worlds[Item].holder[:, item] == self.row(number))
+    def healed(self) -> Array:
+        """Return whether the first agent carries the heal or has used it unhurt, bool (worlds,)."""
+        return np.asarray(self.carries("me", "heal") | (self.points() > FULL))
 
-    def alive(self, number: int) -> Array:
+    def alive(self, name: str) -> Array:
         """Return whether an agent lives, bool (worlds,)."""
-        return np.asarray(self.worlds[Entity].alive[:, self.row(number)] > 0)
+        return np.asarray(self.worlds[Entity].alive[:, self.row(name)] > 0)
 
-    def safe(self, number: int) -> Array:
-        """Return whether an agent lives inside the zone, bool (worlds,)."""
-        zone, body, row = self.worlds[Zone], self.worlds[Body], self.row(number)
-        away = np.hypot(body.x[:, row] - zone.x[:, 0], body.y[:, row] - zone.y[:, 0])
-        return np.asarray(self.alive(number) & (away <= zone.radius[:, 0]))
+    def safe(self) -> Array:
+        """Return whether the first agent lives inside the zone, bool (worlds,)."""
+        zone, body, me = self.worlds[Zone], self.worlds[Body], self.row("me")
+        away = np.hypot(body.x[:, me] - zone.x[:, 0], body.y[:, me] - zone.y[:, 0])
+        return np.asarray(self.alive("me") & (away <= zone.radius[:, 0]))
 
-    def shielded(self, number: int) -> Array:
-        """Return whether a box that was set up is between the first agent and another one, bool (worlds,)."""
-        rows, (mine, other) = self.worlds.span("box"), map(self.row, (self.me, number))
+    def shielded(self) -> Array:
+        """Return whether a box that was set up is between the first agent and the enemy, bool (worlds,)."""
+        rows = self.worlds.span("box")
         placed = (self.worlds[Entity].alive[:, rows] * self.worlds[Box].placed[:, rows]).any(1)
-        found = placed & self.alive(number) & self.alive(self.me)
+        found = placed & self.alive("enemy") & self.alive("me")
         for w in np.flatnonzero(found):
-            found[w] = not self.env.query(int(w)).line_of_sight(mine, other)
+            found[w] = not self.env.query(int(w)).line_of_sight(self.row("me"), self.row("enemy"))
         return np.asarray(found)
 
 
@@ -121,54 +124,45 @@ class Situation:
 
     Attributes:
         name: What tables call it.
-        about: What an agent has to do.
-        arrange: Puts entities into the scene. What it returns is handed on to `passed`.
+        scene: What is where.
         passed: Returns in which worlds the agent has done it, bool (worlds,).
-        solution: The name of a style that passes, or a style.
+        solution: A style that passes.
         ticks: How long the agent has.
         lasting: Whether it must be so at the end, and not only at some time.
-        needs: What a game must have, beside an open floor and always as many agents: "heal" and "box", entities;
-            "mate"; "enemies", at least two; "cap", a limit of hit points; "zone".
-        attacker: The style of the first enemy; "": it stands still, like all others.
+        capped: Whether the game must have a limit of hit points.
+        attacked: Whether the enemy is a hunter, and does not stand still.
     """
 
     name: str
-    about: str
-    arrange: Callable[[Scene], Any]
-    passed: Callable[[Scene, Any], Array]
-    solution: str | Callable[[Seen], Intent]
+    scene: Places
+    passed: Callable[[Scene], Array]
+    solution: Callable[[Seen], Intent]
     ticks: int = 120
     lasting: bool = False
-    needs: tuple[str, ...] = ()
-    attacker: str = ""
+    capped: bool = False
+    attacked: bool = False
 
     def lacks(self, env: SurvivalVectorEnv) -> str:
         """Return what the game lacks for this situation; "" if it can be played."""
-        layout, numbers = env.worlds.layout, env.scenario.numbers()
-        spans, sides = layout.spans, side(env.worlds)[0]
+        layout, sides = env.worlds.layout, side(env.worlds)[0]
         there = {
             OPEN: not len(layout.rows(Wall)),
             FIXED: len(layout.agent_counts) == 1,
-            "heal": len(spans.get("heal", ())) > 0,
-            "box": len(spans.get("box", ())) > 0,
+            "heal": len(layout.spans.get("heal", ())) > 0,
+            "box": len(layout.spans.get("box", ())) > 0,
             "mate": int((sides == sides[0]).sum()) > 1,
             "enemies": int((sides != sides[0]).sum()) > 1,
-            "cap": numbers.get("mortality_limit", 0) > 0,
+            "cap": env.scenario.numbers().get("mortality_limit", 0) > 0,
             "zone": "safe_zone" in env.scenario,
         }
-        return next((need for need in (OPEN, FIXED, *self.needs) if not there[need]), "")
+        needs = [OPEN, FIXED, *(NEEDS[name] for name in self.scene if name in NEEDS), *["cap"] * self.capped]
+        return next((need for need in needs if not there[need]), "")
 
 
 def weakest(seen: Seen) -> Intent:
-    """Strike the weakest enemy in sight."""
+    """Strike the weakest enemy in sight; without one, turn on the spot."""
     health = np.where(seen.enemies > 0, seen.health_of("others"), np.inf)
     enemy = seen.nearest("others", seen.enemies * (health == health.min(-1, keepdims=True)))
-    return Intent(enemy.place_or(seen.position), seen.towards(enemy, 0.0), enemy.distance < STRIKE)
-
-
-def searching(seen: Seen) -> Intent:
-    """Turn on the spot until an enemy comes into sight, then go and strike it."""
-    enemy = seen.nearest("others", seen.enemies)
     return Intent(enemy.place_or(seen.position), seen.towards(enemy, SWEEP), enemy.distance < STRIKE)
 
 
@@ -195,132 +189,26 @@ def covering(seen: Seen) -> Intent:
     return Intent(goal, error, attack=False, use=armed & enemy.seen & (np.abs(error) < AIMED / 2))
 
 
-def _mate(scene: Scene) -> int:
-    scene.agent(scene.mates[0], 3.0, 0.0, math.pi, HURT)
-    return scene.heal(0, 0.2)
-
-
-def _two_enemies(scene: Scene) -> None:
-    scene.agent(scene.enemies[0], 1.2, 0.7)
-    scene.agent(scene.enemies[1], 1.5, -0.7, points=WEAK)
-
-
-def _box_and_heal(scene: Scene) -> int:
-    scene.put("box", 0, 2.5, 0.0)
-    return scene.heal(0, 4.5)
-
-
-def _cover(scene: Scene) -> None:
-    scene.put("box_item", 0, 0.2, 0.0)
-    scene.agent(scene.enemies[0], 0.0, 9.0, -math.pi / 2)
-
-
+BACK, RIGHT = math.pi, -math.pi / 2  # radians: towards the first agent, from ahead of it and from its left
+TWO: Places = {"enemy": (1.2, 0.7), "other": (1.5, -0.7, 0, WEAK)}
+CHASE: Places = {"me": (0, 0, 0, WEAK), "enemy": (6, 0, BACK)}
+PAIR: Places = {"heal": (0.2,), "mate": (3, 0, BACK, HURT)}
 SITUATIONS = (
+    Situation("heal behind", {"heal": (-4, 0.5)}, Scene.healed, styles.hoarder),
+    Situation("hurt", {"heal": (0.2,), "me": (0, 0, 0, HURT)}, lambda scene: scene.points() > HURT, styles.scripted),
     Situation(
-        "heal behind",
-        "turn around and fetch a heal",
-        lambda scene: scene.heal(0, -4.0, 0.5),
-        lambda scene, heal: scene.carries(scene.me, heal) | (scene.points(scene.me) > FULL),
-        "hoarder",
-        needs=("heal",),
+        "unhurt", {"heal": (3,)}, lambda scene: scene.carries("me", "heal"), styles.hoarder, lasting=True, capped=True
     ),
-    Situation(
-        "hurt",
-        "use a heal with few hit points left",
-        lambda scene: (scene.agent(scene.me, 0.0, 0.0, points=HURT), scene.heal(0, 0.2)),
-        lambda scene, _: scene.points(scene.me) > HURT,
-        "scripted",
-        needs=("heal",),
-    ),
-    Situation(
-        "unhurt",
-        "fetch a heal, and keep it while it would be wasted",
-        lambda scene: scene.heal(0, 3.0),
-        lambda scene, heal: scene.carries(scene.me, heal),
-        "hoarder",
-        lasting=True,
-        needs=("heal", "cap"),
-    ),
-    Situation(
-        "beyond the rim",
-        "go into the zone and stay there",
-        lambda scene: scene.zone(3, 3.0),
-        lambda scene, _: scene.safe(scene.me),
-        "scripted",
-        lasting=True,
-        needs=("zone",),
-    ),
-    Situation(
-        "weak enemy",
-        "kill an enemy in reach",
-        lambda scene: scene.agent(scene.enemies[0], 1.5, 0.0, points=WEAK),
-        lambda scene, _: ~scene.alive(scene.enemies[0]),
-        "hunter",
-    ),
-    Situation(
-        "enemy behind",
-        "find an enemy behind, and kill it",
-        lambda scene: scene.agent(scene.enemies[0], -4.0, 0.5, points=WEAK),
-        lambda scene, _: ~scene.alive(scene.enemies[0]),
-        searching,
-    ),
-    Situation(
-        "weakest first",
-        "kill the weaker of two enemies first",
-        _two_enemies,
-        lambda scene, _: ~scene.alive(scene.enemies[1]),
-        weakest,
-        ticks=15,
-        needs=("enemies",),
-    ),
-    Situation(
-        "hunted",
-        "survive a hunter with few hit points left",
-        lambda scene: (scene.agent(scene.me, 0.0, 0.0, points=WEAK), scene.agent(scene.enemies[0], 6.0, 0.0, math.pi)),
-        lambda scene, _: scene.alive(scene.me),
-        fleeing,
-        ticks=45,
-        lasting=True,
-        attacker="hunter",
-    ),
-    Situation(
-        "wounded mate",
-        "give a mate with few hit points a heal",
-        _mate,
-        lambda scene, heal: scene.carries(scene.mates[0], heal),
-        "healer",
-        needs=("heal", "mate"),
-    ),
-    Situation(
-        "box",
-        "break a box and pick up its item",
-        lambda scene: scene.put("box", 0, 2.0, 0.0),
-        lambda scene, _: scene.carries(scene.me, scene.worlds.span("box_item").start),
-        breaking,
-        needs=("box",),
-    ),
-    Situation(
-        "heal behind a box",
-        "get a heal that a box hides",
-        _box_and_heal,
-        lambda scene, heal: scene.carries(scene.me, heal) | (scene.points(scene.me) > FULL),
-        breaking,
-        needs=("heal", "box"),
-    ),
-    Situation(
-        "cover",
-        "put a box between oneself and an enemy",
-        _cover,
-        lambda scene, _: scene.shielded(scene.enemies[0]),
-        covering,
-        needs=("box",),
-        attacker="hunter",
-    ),
+    Situation("beyond the rim", {"zone": (3,)}, Scene.safe, styles.scripted, lasting=True),
+    Situation("weak enemy", {"enemy": (1.5, 0, 0, WEAK)}, lambda scene: ~scene.alive("enemy"), styles.hunter),
+    Situation("enemy behind", {"enemy": (-4, 0.5, 0, WEAK)}, lambda scene: ~scene.alive("enemy"), weakest),
+    Situation("weakest first", TWO, lambda scene: ~scene.alive("other"), weakest, ticks=15),
+    Situation("hunted", CHASE, lambda scene: scene.alive("me"), fleeing, ticks=45, lasting=True, attacked=True),
+    Situation("wounded mate", PAIR, lambda scene: scene.carries("mate", "heal"), styles.healer),
+    Situation("box", {"box": (2,)}, lambda scene: scene.carries("me", "box_item"), breaking),
+    Situation("heal behind a box", {"heal": (4.5,), "box": (2.5,)}, Scene.healed, breaking),
+    Situation("cover", {"box_item": (0.2,), "enemy": (0, 9, RIGHT)}, Scene.shielded, covering, attacked=True),
 )
-
-
-def _style(style: str | Callable[[Seen], Intent], env: SurvivalVectorEnv) -> Policy:
-    return follow(STYLES[style] if isinstance(style, str) else style, env)
 
 
 def attempt(
@@ -340,23 +228,23 @@ def attempt(
 
 def _play(situation: Situation, env: SurvivalVectorEnv, contender: Contender | None) -> Array:
     """Return in which worlds a policy, or the solution, passes, bool (worlds,). env: Just reset."""
+    solution, attacker = follow(situation.solution, env), follow(styles.hunter, env)
     if contender is not None:
         contender.check(env)
-    solution = _style(situation.solution, env)
     act = contender.act(env, SEED, keyed=True) if contender else lambda seen, where: solution(seen)[where]
-    attacker = _style(situation.attacker, env) if situation.attacker else None
     scene, worlds = Scene(env, SEED), env.num_worlds
-    known, me = situation.arrange(scene), (np.arange(worlds), np.full(worlds, scene.me))
-    done, found = np.zeros((2, worlds), bool)
+    for name, place in situation.scene.items():
+        scene.put(name, *place)
+    me, done, found = (np.arange(worlds), np.zeros(worlds, int)), *np.zeros((2, worlds), bool)
     for tick in range(situation.ticks):
         actions = np.tile(env.noop, (worlds, env.num_agents, 1))
         if tick:  # the scene is observed from the second tick on
             seen = env.observe()
             actions[me] = act(seen, me)
-            if attacker is not None:
-                actions[:, scene.enemies[0]] = attacker(seen)[:, scene.enemies[0]]
+            if situation.attacked:
+                actions[:, scene.agents["enemy"]] = attacker(seen)[:, scene.agents["enemy"]]
         _, _, terminated, truncated, _ = env.step(actions)
-        now = situation.passed(scene, known)
+        now = situation.passed(scene)
         found = np.where(done, found, now if situation.lasting else found | now)
         if (over := terminated | truncated).any():  # what comes after an episode does not count
             done |= over
@@ -383,8 +271,7 @@ def shares(
 
 def passed(scenario: Scenario, contender: Contender) -> dict[str, float]:
     """Return the share of worlds in which a policy passes each situation that the game has."""
-    found = shares(scenario, contender)
-    return {name: value for name, value in found.items() if not isinstance(value, str)}
+    return {name: value for name, value in shares(scenario, contender).items() if not isinstance(value, str)}
 
 
 def table(columns: Sequence[dict[str, float | str]]) -> list[tuple[str, ...]]:
@@ -393,14 +280,9 @@ def table(columns: Sequence[dict[str, float | str]]) -> list[tuple[str, ...]]:
     The row of a situation that the game lacks something for says what. The last row counts the situations passed, in at
     least SHARE of the worlds.
     """
-    rows, counts, played = list[tuple[str, ...]](), [0] * len(columns), 0
-    for name in columns[0]:
-        values = [own[name] for own in columns]
-        if isinstance(values[0], str):
-            rows.append((name, f"no {values[0]}", *[""] * (len(columns) - 1)))
-            continue
-        played += 1
-        numbers = [float(value) for value in values]
-        counts = [count + (number >= SHARE) for count, number in zip(counts, numbers, strict=True)]
-        rows.append((name, *(f"{number:.2f}" for number in numbers)))
-    return [*rows, ("passed", *(f"{count} of {played}" for count in counts))]
+    rows = list[tuple[str, ...]]()
+    for name, value in columns[0].items():
+        lacking = [f"no {value}", *[""] * (len(columns) - 1)] if isinstance(value, str) else []
+        rows.append((name, *(lacking or (f"{own[name]:.2f}" for own in columns))))
+    played = [[value for value in own.values() if not isinstance(value, str)] for own in columns]
+    return [*rows, ("passed", *(f"{sum(value >= SHARE for value in own)} of {len(own)}" for own in played))]
