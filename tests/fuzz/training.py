@@ -25,7 +25,7 @@ from outlast.training.base.run_header import WEIGHTS
 from outlast.training.policies import checkpoint
 from outlast.training.policies.player import Player
 from outlast.training.ppo.trainer import Trainer
-from outlast.training.research import figures, report, results
+from outlast.training.research import compare, figures, results
 from outlast.training.runs import resume
 from outlast.training.runs.run import TrainingRun
 from tests.fuzz.mutations import Random, mutated, mutated_json, mutated_npy, mutated_zip, to_json, unzipped, zipped
@@ -204,8 +204,8 @@ class Results:
             assert Path(name).name == name, f"{name} would be written elsewhere"
         for run in group.runs:
             format_curves({run.name: (run.about, run.curves)})
-        assert report.markdown(group)
-        assert report.csv_table([group])
+        assert compare.markdown(group)
+        assert compare.csv_table([group])
         if path.stat().st_size % 64 == 0:
             figures.picture(group, "svg")
 

@@ -15,13 +15,12 @@ from outlast.training.base.errors import TrainingError
 from outlast.training.base.files import packed
 from outlast.training.research import experiments
 from outlast.training.research.__main__ import main as research
-from outlast.training.research.experiments import PARTS, expected_seconds, seconds_table
+from outlast.training.research.experiments import PARTS
 
 pytest.importorskip("matplotlib", reason="needs matplotlib: outlast[plot]")
 
 from outlast.training.research import corrected_games as mended
-from outlast.training.research import output
-from tests.helpers.runs import outlast_train
+from outlast.training.research import reproduce
 
 RESULTS = Path(__file__).parents[2] / "results"
 
@@ -63,72 +62,28 @@ def test_what_is_not_there_is_refused(words: list[str], message: str, capsys: py
     assert re.search(message, capsys.readouterr().err)
 
 
-def test_the_plan_ends_when_its_last_run_does(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Of 1, 1, 1 and 3 hours on two cores, that of 3 begins after 1 hour and a half of it is left."""
-    hours = {"ffa_1": 1, "ffa_2": 1, "ffa_3": 1, "ffa_4": 3}
-    rows = [f"original,{game},original,{3600 * each}" for game, each in hours.items()]
-    (tmp_path / experiments.SECONDS).write_text("\n".join(["part,game,preset,seconds", *rows, ""]))
-    monkeypatch.setattr(experiments, "files", lambda package: tmp_path)
-    words = ("original", "--only", *hours, "--seeds", 1, "--plan", "--out", tmp_path)
-    for jobs, most in ((1, 6), (2, 4), (64, 3)):
-        assert outlast_paper(*words, "--jobs", jobs) == 0
-        assert f"4 runs, {jobs} at a time: about {most}.0 hours, as timed" in capsys.readouterr().out
+def test_the_plan_has_what_is_left(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ("original", "--only", "ffa_1", "ffa_4", "--seeds", 1, "--plan", "--out", tmp_path)
     for game, share in (("ffa_1", 1), ("ffa_4", 0.5)):
         folder = tmp_path / f"runs/original/{game}-original-0"
         folder.mkdir(parents=True)
         (folder / "log.csv").write_text(f"tag,step,value\ntime/fps,{round(share * experiments.PAPER_STEPS)},1\n")
-    assert outlast_paper(*words, "--jobs", 64) == 0
-    about, *lines = capsys.readouterr().out.splitlines()
-    assert about.startswith("3 runs, 64 at a time: about 1.5 hours, as timed")
-    assert about.endswith("; 1 of 4 runs are finished")
-    assert [line.split()[2] for line in lines] == ["ffa_2", "ffa_3", "ffa_4"]
-    assert lines[-1].endswith("# 1.5 h left")
-    assert outlast_paper("original", "--only", "ffa_1", *words[6:]) == 0
+    assert outlast_paper(*words, "--jobs", 3) == 0
+    about, line = capsys.readouterr().out.splitlines()
+    assert about == "1 runs, 3 at a time: 5,000,000 agent-steps; 1 of 2 runs are finished"
+    assert line.startswith("outlast train ffa_4 ")
+    assert line.endswith("  # 5,000,000 agent-steps")
+    assert outlast_paper("original", "--only", "ffa_1", *words[4:]) == 0
     assert capsys.readouterr().out == "1 of 1 runs are finished: figures and tables are written again\n"
 
 
-@pytest.mark.parametrize(
-    ("library", "message"),
-    [
-        ("imageio_ffmpeg", "the films need FFmpeg: pip install 'outlast[train,plot,view]'"),
-        ("matplotlib", "this needs matplotlib: pip install 'outlast[train,plot,view]'"),
-    ],
-)
-def test_what_films_and_figures_need_is_missed_before_anything_is_trained(
-    library: str, message: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_films_need_ffmpeg_before_anything_is_trained(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setitem(sys.modules, library, None)
+    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     assert outlast_paper("original", "--only", "ffa_1", "--out", tmp_path / "out") == 2
-    assert message in capsys.readouterr().err
+    assert "the films need FFmpeg: pip install 'outlast[train,plot,view]'" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
-
-
-def test_times_are_read_from_logs_and_expected_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A table of seconds that is written is the one that is read."""
-    (one, other) = experiments.experiments(["original"])[:2]
-    folder = tmp_path / "runs/original/ffa_1-original-0"
-    short = ("--set", "safe_zone_damage=50", "--set", "safe_zone_stand=5", "--worlds", "8", "--rollout", "512")
-    assert outlast_train("ffa_1", "--steps", "2048", *short, "--out", str(folder), "--quiet") == 0
-    assert seconds_table([one], tmp_path).count("\n") == 1  # as it has not ended, nobody knows how long it takes
-    assert one.results(tmp_path) == []  # and nothing is drawn of it
-    assert one.steps_done(tmp_path, 0) == 2048
-    monkeypatch.setattr(experiments, "PAPER_STEPS", 2048)
-    assert one.results(tmp_path) == [folder]
-    table = seconds_table([one, other], tmp_path)
-    assert table.startswith("part,game,preset,seconds\noriginal,ffa_1,original,")
-    assert table.count("\n") == 2
-    monkeypatch.setattr(experiments, "files", lambda package: tmp_path)
-    (tmp_path / experiments.SECONDS).write_text("part,game,preset,seconds\noriginal,ffa_1,original,123\n")
-    (untimed,) = experiments.experiments(["mended"])[:1]  # no run of its preset is in the table, but one of `other`'s
-    assert expected_seconds([one, other, untimed]) == (
-        [123.0, 123.0, untimed.steps / experiments.GUESS],
-        [True, False, False],
-    )
-    assert expected_seconds([one]) == ([123.0], [True])
-    (as_written,) = experiments.experiments(["text"])[:1]  # nor of this one's, but of one with the same networks
-    assert expected_seconds([as_written]) == ([123.0], [False])
 
 
 def test_what_emerges_counts_both_roles(tmp_path: Path) -> None:
@@ -193,7 +148,7 @@ def test_tables_are_of_all_games_that_are_there(
 ) -> None:
     """Also where one is asked for after the other; films are of that one."""
     filmed = list[str]()
-    monkeypatch.setattr(output, "_film", lambda scenario, policy, path: filmed.append(path.name) or path)
+    monkeypatch.setattr(reproduce, "_film", lambda scenario, policy, path: filmed.append(path.name) or path)
     runs, study = [f"{game}-0" for game in games], tmp_path / part
     curves, measured = read_curves(RESULTS / part / FILE), mended.read_measured(RESULTS / part / mended.FILE)
     study.mkdir()
@@ -283,14 +238,11 @@ def test_the_papers_variants_are_trained_and_compared(tmp_path: Path, monkeypatc
     text = (tmp_path / "text/ends.md").read_text()
     assert all(f"`teams_2`, preset `{name}`, seed 0. Unfinished" in text for name in ("paper", "scaled"))
     assert "| preset `original` | preset `paper` | preset `scaled` |" in text.splitlines()[0]
-    seconds = (tmp_path / "seconds.csv").read_text()
-    assert seconds.count("text,teams_2,") == 2
     shutil.rmtree(tmp_path / "runs")
     monkeypatch.setattr(experiments, "PAPER_STEPS", 4000)  # kept curves end where the last rollout began
     assert outlast_paper(*words) == 0  # what is kept is enough
     assert not (tmp_path / "runs").exists()
     assert (tmp_path / "text/ends.md").read_text() == text
-    assert (tmp_path / "seconds.csv").read_text() == seconds
 
 
 def test_parts_are_named_in_help(capsys: pytest.CaptureFixture[str]) -> None:

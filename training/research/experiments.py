@@ -1,26 +1,19 @@
 """Runs of `reproduce`: the paper's eight experiments, its method as the text describes it, and corrected games."""
 
 import ast
-import csv
-import io
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
-from statistics import mean
 
 from outlast.envs.rollout.saved import checkpoints, newest
 from outlast.envs.scenarios.parse import resolve
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.scenarios.variants import VARIANTS
 
-from ..base.errors import TrainingError
 from ..base.log_file import NAME as LOG
 from ..base.log_file import last_step
 from ..base.policy_file import SUFFIX
-from ..base.tables import csv_text
-from ..plots.panels import hours
-from ..plots.runs import kept_runs, load
+from ..plots.runs import kept_runs
 from .results import PAPER_STEPS
 
 PARTS = {
@@ -28,9 +21,6 @@ PARTS = {
     "text": "the same by the method of the paper's text (presets paper and scaled)",
     "mended": "games without the paper's flaws, against a pool of opponents",
 }
-SECONDS = "seconds.csv"  # times of runs; one such file is beside this module
-GUESS = 20_000  # agent-steps a second of runs whose preset was never timed
-SAME_NETWORKS = {"paper": "original", "scaled": "original"}  # presets with about the same time as another one
 FEW_WORLDS = ("--worlds", "4")  # with many, the paper's observations do not recur (docs/paper.md)
 MANY_WORLDS = ("ffa_2", "ffa_3")  # exceptions: with 64, these end as in the paper; ffa_1 and ffa_4 do not
 MENDED_STEPS = 50_000_000
@@ -138,73 +128,18 @@ class Experiment:
         """Return agent-steps of all runs of its part that are kept, by name."""
         return {name: int(curves.steps[-1]) for name, (_, curves) in kept_runs(out / self.part).items()}
 
-    @property
-    def key(self) -> tuple[str, str, str]:
-        """The key of its time in SECONDS."""
-        return self.part, self.name, self.preset
-
 
 def experiments(parts: Iterable[str]) -> list[Experiment]:
     """Return the experiments of some parts."""
     every = [
-        *_trained_as("original", "original"),
-        *_trained_as("text", "paper"),
-        *_trained_as("text", "scaled"),
-        *_mended(),
+        Experiment(part, name, preset, () if name in MANY_WORLDS else FEW_WORLDS)
+        for part, preset in (("original", "original"), ("text", "paper"), ("text", "scaled"))
+        for name in VARIANTS
     ]
+    for game, together in TOGETHER.items():
+        corrected = (f"{game}+{names}" for names in (*SINGLE.get(game, ()), *together))
+        every += [Experiment("mended", name, "fast", POOL) for name in (game, *corrected)]
+    for game, numbers in TO_HEAL_MATES:
+        every.append(Experiment("mended", f"{game}+{TOGETHER[game][0]}", "fast", POOL, numbers))
     wanted = set(parts)
     return [each for each in every if each.part in wanted]
-
-
-def _trained_as(part: str, preset: str) -> Iterator[Experiment]:
-    for name in VARIANTS:
-        yield Experiment(part, name, preset, () if name in MANY_WORLDS else FEW_WORLDS)
-
-
-def _mended() -> Iterator[Experiment]:
-    for game, together in TOGETHER.items():
-        for mended in ("", *SINGLE.get(game, ()), *together):
-            yield Experiment("mended", "+".join(filter(None, (game, mended))), "fast", POOL)
-    for game, numbers in TO_HEAL_MATES:
-        yield Experiment("mended", f"{game}+{TOGETHER[game][0]}", "fast", POOL, numbers)
-
-
-def expected_seconds(chosen: Sequence[Experiment]) -> tuple[list[float], list[bool]]:
-    """Return the seconds of a run of each on one core of the machine of SECONDS, and whether it was timed.
-
-    If it was not, the time is estimated by the mean over its preset, or over one with the same networks.
-    """
-    known = _read_seconds(files(__package__).joinpath(SECONDS).read_text(encoding="utf-8"))
-    alike = {preset: mean(s for key, s in known.items() if key[2] == preset) for *_, preset in known}
-    alike = {preset: alike[same] for preset, same in SAME_NETWORKS.items() if same in alike} | alike
-    seconds = [known.get(each.key, alike.get(each.preset, each.steps / GUESS)) for each in chosen]
-    return seconds, [each.key in known for each in chosen]
-
-
-def seconds_table(chosen: Iterable[Experiment], out: Path, before: str = "") -> str:
-    """Return the content of SECONDS: for each experiment, the mean over its complete runs whose folders exist.
-
-    out: The output folder of the command. before: The previous table: its rows of experiments without such a folder
-    are kept.
-    """
-    rows, known = list[tuple[object, ...]](), _read_seconds(before)
-    for each in chosen:
-        every = [seconds for run in each.results(out) if run.is_dir() and (seconds := _seconds(run))]
-        if every or each.key in known:
-            rows.append((*each.key, round(mean(every) if every else known[each.key])))
-    return csv_text(("part", "game", "preset", "seconds"), rows)
-
-
-def _read_seconds(text: str) -> dict[tuple[str, str, str], float]:
-    rows = csv.DictReader(io.StringIO(text))
-    return {(row["part"], row["game"], row["preset"]): float(row["seconds"]) for row in rows}
-
-
-def _seconds(folder: Path) -> float:
-    """Return the seconds of a run by its log; 0 without a log."""
-    try:
-        (run,) = load([folder])
-    except TrainingError:
-        return 0.0
-    elapsed = hours(run)
-    return 0.0 if elapsed is None else 3600 * float(elapsed[-1])
