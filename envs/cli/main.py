@@ -86,7 +86,8 @@ def parser() -> Parser:
 def program(name: str, description: str, modules: Iterable[Any]) -> Parser:
     """Return the grammar of a program whose commands are these modules."""
     top = Parser(prog=name, description=description)
-    commands = top.add_subparsers(metavar="COMMAND", help=argparse.SUPPRESS)
+    commands: Any = top.add_subparsers(metavar="COMMAND", help=argparse.SUPPRESS)
+    commands.top = top
     for command in modules:
         command.add(commands)
     text = "show all commands, or how one of them is used"

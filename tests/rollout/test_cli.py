@@ -405,7 +405,8 @@ def completed(script: str, shell: str, *words: str) -> set[str]:
     """What the shell offers in the place of the last word."""
     if shell == "bash":
         given = " ".join(map(shlex.quote, ("outlast", *words)))
-        text = f'{script}\nCOMP_WORDS=({given}); COMP_CWORD={len(words)}; _outlast; printf "%s\\n" "${{COMPREPLY[@]}}"'
+        call = f'COMP_WORDS=({given}); COMP_CWORD={len(words)}; _shtab_outlast; printf "%s\\n" "${{COMPREPLY[@]}}"'
+        text = f"{script}\n{call}"
         done = subprocess.run(["bash", "-c", text], capture_output=True, text=True, check=True)
     else:
         text = f"{script}\ncomplete -C {shlex.quote(' '.join(('outlast', *words)))}"

@@ -52,7 +52,7 @@ def add(commands: Any) -> None:
     )
     text = "compare agents by one protocol, with verifiable results"
     command = commands.add_parser("benchmark", help=text, description=description, examples=examples)
-    command.add_argument("action", choices=ACTIONS, metavar="ACTION", help=f"what to do: {', '.join(ACTIONS)}")
+    command.add_argument("action", choices=tuple(ACTIONS), metavar="ACTION", help=f"what to do: {', '.join(ACTIONS)}")
     text = "plan: tasks, or all; run, score, pack: a folder of results; verify, table: folders, or archives of them "
     text += f"(default {RESULTS}); check: archives; situations, anchors: a task; people: recordings"
     command.add_argument("names", nargs="*", metavar="NAME", help=text)
