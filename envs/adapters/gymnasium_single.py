@@ -162,8 +162,7 @@ class SurvivalEnv(OneWorldAdapter, gymnasium.Env[Observation, Array]):
 
     def action_masks(self) -> Array:
         """Return which actions can do something, bool (entries,); see SurvivalVectorEnv.action_masks."""
-        mask: Array = self._batch.action_masks()[0]
-        return mask
+        return self._batch.action_masks()[0]
 
     def set_state(self, state: State) -> Observation:
         """Go on from `state`. Returns the learner's observation. Raises StateError if it is of another scenario."""
@@ -186,8 +185,7 @@ class SurvivalEnv(OneWorldAdapter, gymnasium.Env[Observation, Array]):
 
 
 def _first(observations: Observation) -> Observation:
-    first: Observation = each(observations, lambda values: values[0])
-    return first
+    return each(observations, lambda values: values[0])
 
 
 def _numbers(info: dict[str, Any]) -> dict[str, Any]:

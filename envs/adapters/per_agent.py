@@ -85,8 +85,7 @@ class OneWorldAdapter(Adapter):
 
     def state(self) -> Array:  # type: ignore[override]
         """Return the complete world, also what no agent sees, float32 (size,); see SurvivalVectorEnv.state."""
-        state: Array = self.base_env.state()[0]
-        return state
+        return self.base_env.state()[0]
 
     def close(self) -> None:
         """Close the window and the world. Closing again does no harm."""
@@ -299,8 +298,7 @@ class PerAgentVectorEnv(Adapter, VectorEnv[Arrays, Actions, Array]):
     def _own(self, observed: Arrays) -> Arrays:
         """Return what the sub-environments observe, given what base_env does, in memory that it will overwrite."""
         rows = each(observed, self._rows)
-        own: Arrays = each(rows, np.copy) if self.copy else rows
-        return own
+        return each(rows, np.copy) if self.copy else rows
 
     def _statistics(self, statistics: Arrays) -> Arrays:
         """Return each sub-environment's own entry of the worlds' statistics, (num_envs,) by key."""

@@ -154,8 +154,7 @@ class SurvivalPufferEnv(Adapter, PufferEnv):  # type: ignore[misc]  # untyped, s
     def action_masks(self) -> Array:
         """Return which actions can do something, bool (num_agents, entries); see SurvivalVectorEnv.action_masks."""
         self.base_env._check_running("action_masks")
-        masks: Array = self._actions.masks().reshape(self.num_agents, -1)
-        return masks
+        return self._actions.masks().reshape(self.num_agents, -1)
 
     def set_state(self, state: State) -> Array:
         """Go on from `state`, of as many worlds or of one for all. Returns the observations.
@@ -183,10 +182,8 @@ class SurvivalPufferEnv(Adapter, PufferEnv):  # type: ignore[misc]  # untyped, s
         self.terminals[:] = self.truncations[:] = False
         self.base_env.observe(out=self._by_world(self.observations))
         self.masks[:] = alive(self.base_env.worlds).ravel()
-        observations: Array = self.observations
-        return observations
+        return self.observations
 
     def _by_world(self, rows: Array) -> Array:
         """Reshape (num_agents, ...) to (worlds, agents, ...): a view, even if `rows` is part of a larger array."""
-        view: Array = np.reshape(rows, (self.num_worlds, -1, *rows.shape[1:]))
-        return view
+        return np.reshape(rows, (self.num_worlds, -1, *rows.shape[1:]))

@@ -223,8 +223,7 @@ class SurvivalVecEnv(Adapter, VecEnv):  # type: ignore[misc]  # mypy does not fo
         """Draw the first `render_worlds` worlds side by side, uint8 (height, width, 3); mode "human": in a window."""
         if self.render_mode != "rgb_array" or mode not in (None, "rgb_array", "human"):
             # Stable-Baselines3 warns that there is nothing to draw, and returns None
-            nothing: Array | None = super().render(mode)
-            return nothing
+            return super().render(mode)
         picture: Array = tile_images(self._pictures(range(min(self.render_worlds, self.num_worlds))))
         if mode != "human":
             return picture

@@ -131,8 +131,7 @@ class ActionSpace:
                 wanted = f"{axes} = {shape}" if shape else axes
                 raise ActionError(f"{what} have shape {given.shape}: {wanted} is needed, as each is a joint action")
             count = np.array([self.mask_size])
-            joint: Array = checked_actions(given[..., None], (*shape, 1), count, who=who, what=what)[..., 0]
-            return joint
+            return checked_actions(given[..., None], (*shape, 1), count, who=who, what=what)[..., 0]
         axes = f"({axes}, actions)" if axes else "(actions,)"
         shape = (*shape, len(self.keys))
         if self.kind == "continuous":
@@ -144,8 +143,7 @@ class ActionSpace:
         checked = self.checked(given, shape, ranges, **named)
         if self.kind == "continuous":
             checked = np.clip((checked + 1) * self.sizes / 2, 0, self.sizes - 1).astype(np.int64)
-        rows: Array = checked if self._table is None else self._table[checked]
-        return rows
+        return checked if self._table is None else self._table[checked]
 
     def given(self, rows: Array) -> Array:
         """Return the learner's form of actions (the middle of a value's part, if continuous): the inverse of `rows`.
@@ -197,8 +195,7 @@ class ActionSpace:
             UsageError: Actions are continuous.
         """
         self.check_masked()
-        masks: Array = self._by_idle[self.idle() @ (1 << np.arange(len(self.keys)))]
-        return masks
+        return self._by_idle[self.idle() @ (1 << np.arange(len(self.keys)))]
 
     def idle(self) -> Array:
         """Return whether each action has no effect in the next tick, for any value: bool (worlds, agents, actions)."""
@@ -226,8 +223,7 @@ class ActionSpace:
         allowed = [(sets[:, [k]] == 0) | (np.arange(size) == self.zeros[k]) for k, size in enumerate(self.sizes)]
         if self._table is None:
             return np.concatenate(allowed, 1)
-        joint: Array = np.logical_and.reduce([own[:, self._table[:, k]] for k, own in enumerate(allowed)])
-        return joint
+        return np.logical_and.reduce([own[:, self._table[:, k]] for k, own in enumerate(allowed)])
 
 
 def _idle(module: Module, worlds: Worlds, known: Sequence[str]) -> dict[str, Array]:

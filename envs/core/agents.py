@@ -14,14 +14,12 @@ from .validation import Array
 
 def alive(worlds: Worlds, where: Any = slice(None)) -> Array:
     """Return whether agents live: bool (worlds, agents), a new array. where: index of worlds; 0 gives (agents,)."""
-    living: Array = worlds[Entity].alive[where, worlds.span("agent")].astype(bool)
-    return living
+    return worlds[Entity].alive[where, worlds.span("agent")].astype(bool)
 
 
 def present(worlds: Worlds, where: Any = slice(None)) -> Array:
     """Return whether agents are present, dead or alive: bool (worlds, agents), a new array. where: see `alive`."""
-    there: Array = worlds[Entity].identity[where, worlds.span("agent")] >= 0
-    return there
+    return worlds[Entity].identity[where, worlds.span("agent")] >= 0
 
 
 class Presence:
@@ -79,8 +77,7 @@ def counted(worlds: Worlds) -> dict[str, Array]:
 
 def side(worlds: Worlds, where: Any = slice(None)) -> Array:
     """Return each agent's side, -1 if it is absent: int32 (worlds, agents), a new array. where: see `alive`."""
-    sides: Array = worlds[Side].side[where, worlds.span("agent")].copy()
-    return sides
+    return worlds[Side].side[where, worlds.span("agent")].copy()
 
 
 def agent_statistics(worlds: Worlds, statistics: Mapping[str, Array], agents: slice = slice(None)) -> dict[str, Array]:

@@ -217,8 +217,7 @@ def _bounds(worlds: Worlds) -> dict[str, Ends]:
 
 def _widest(widest: np.ufunc, shape: tuple[int, ...], ends: list[Array]) -> Array:
     """Return the widest of several ends, NaN without one."""
-    result: Array = widest.reduce([np.full(shape, np.nan), *ends])
-    return result
+    return widest.reduce([np.full(shape, np.nan), *ends])
 
 
 def _checked(module: str, key: str, ends: Any, fields: Mapping[str, Field], shape: tuple[int, ...]) -> Ends:

@@ -237,8 +237,7 @@ class SurvivalVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
 
     def recv(self) -> tuple[Arrays, Any, Any, Any, dict[str, Any]]:
         """Return, or raise, what `step` would have for the actions that were sent. Raise PendingError if none were."""
-        result: tuple[Arrays, Any, Any, Any, dict[str, Any]] = self._guard.fetch()
-        return result
+        return self._guard.fetch()
 
     @exclusive
     def render(self) -> tuple[Any, ...] | None:
@@ -559,8 +558,7 @@ class SurvivalVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
         return GlobalState(self.worlds, self._reader.scaled)
 
     def _observe(self) -> Arrays:
-        observed: Arrays = self._reader.read(self.copy)
-        return observed
+        return self._reader.read(self.copy)
 
     def _check_running(self, call: str) -> None:
         """Raise ClosedError, PendingError or NotResetError unless `call` can look at all worlds; for adapters."""

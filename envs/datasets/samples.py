@@ -150,8 +150,7 @@ def _actions(worlds: Worlds, recording: Recording, rows: Array) -> Array:
     columns = recording.header["actions"]
     lows = np.array([low for _, low, _ in columns], np.int64)
     kind = np.min_scalar_type(-max((size for _, _, size in columns), default=1))
-    actions: Array = (worlds.actions[:, rows].transpose(1, 2, 0) - lows).astype(kind)
-    return actions
+    return (worlds.actions[:, rows].transpose(1, 2, 0) - lows).astype(kind)
 
 
 def _last_steps(recording: Recording, selection: Selection) -> dict[int, list[int]]:

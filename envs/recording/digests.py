@@ -59,8 +59,7 @@ class Digests:
         words ^= words >> SHIFT
         words *= self._factors
         totals: Array = np.add.reduceat(words, self._starts)
-        digest: Array = (totals ^ totals >> np.uint32(16)).astype(np.uint16)
-        return digest
+        return (totals ^ totals >> np.uint32(16)).astype(np.uint16)
 
     def _add(self, span: slice, turn: int) -> None:
         """Sum every word over these worlds.

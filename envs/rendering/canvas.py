@@ -203,8 +203,7 @@ def _disc_at(pixels: float, x: int, y: int) -> Image:
 def _disc(pixels: float) -> Image:
     """Return a polygon that looks like a circle of this radius around 0, in OpenCV's fixed-point numbers."""
     count = 8 * math.ceil(math.pi / math.acos(1 - min(ERROR / pixels, 0.25)) / 8)
-    corners: Image = np.rint(_rim(count) * (pixels * UNIT)).astype(np.int32)
-    return corners
+    return np.rint(_rim(count) * (pixels * UNIT)).astype(np.int32)
 
 
 @functools.lru_cache(maxsize=1024)

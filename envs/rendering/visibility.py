@@ -64,8 +64,7 @@ def visible_corners(
 
 def _finite(bodies: Array) -> Array:
     """Return those of the bodies, (bodies, ...), all of whose numbers are finite."""
-    finite: Array = bodies[np.isfinite(bodies).all(tuple(range(1, bodies.ndim)))]
-    return finite
+    return bodies[np.isfinite(bodies).all(tuple(range(1, bodies.ndim)))]
 
 
 def _near(middles: Array, bounds: Array, x: float, y: float, angle: float, half: float, depth: float) -> Array:
@@ -73,8 +72,7 @@ def _near(middles: Array, bounds: Array, x: float, y: float, angle: float, half:
     to_x, to_y = middles[:, 0] - x, middles[:, 1] - y
     ahead, aside = math.cos(angle) * to_x + math.sin(angle) * to_y, math.cos(angle) * to_y - math.sin(angle) * to_x
     beside = math.cos(half) * np.abs(aside) - math.sin(half) * ahead  # metres outwards from the nearer edge of the cone
-    near: Array = (beside <= bounds) & (np.hypot(to_x, to_y) <= depth + bounds)
-    return near
+    return (beside <= bounds) & (np.hypot(to_x, to_y) <= depth + bounds)
 
 
 def _edges(discs: Array, polygons: Array, x: float, y: float) -> Array:

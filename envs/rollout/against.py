@@ -62,8 +62,7 @@ class Against:
 
     def plays(self) -> Array:
         """Return which agents the policy plays in the current episodes, bool (worlds, agents)."""
-        mine: Array = side(self._env.worlds) == self._own[:, None]
-        return mine
+        return side(self._env.worlds) == self._own[:, None]
 
     def watch(self, where: Array) -> None:
         """Count the episodes of the worlds `where`, bool (worlds,), that ended in a step; to be called after each."""

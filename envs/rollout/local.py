@@ -91,8 +91,7 @@ def _endless(env: SurvivalVectorEnv, long: Array) -> Array:
     if not long.any():
         return long
     limits: Array = np.asarray(env.numbers().get("ending_limit", 0))
-    endless: Array = long & (limits == 0)
-    return endless
+    return long & (limits == 0)
 
 
 def ticks(env: SurvivalVectorEnv, policy: Policy, steps: int) -> Iterator[int]:

@@ -49,8 +49,7 @@ def own_wins(come: Array, own: Array) -> Array:
         float64 (worlds,): 1 where it wins, 0 where another side does, 0.5 for a draw.
     """
     mine = own[:, None] == np.arange(come.shape[1])
-    best: Array = wins(np.stack([np.where(each, come, -np.inf).max(1) for each in (mine, ~mine)], 1))[:, 0]
-    return best
+    return wins(np.stack([np.where(each, come, -np.inf).max(1) for each in (mine, ~mine)], 1))[:, 0]
 
 
 def shares_beaten(come: Array, own: Array, sides: Array) -> Array:
@@ -68,8 +67,7 @@ def shares_beaten(come: Array, own: Array, sides: Array) -> Array:
     """
     number = np.arange(come.shape[1])
     others = (number < sides[:, None]) & (number != own[:, None])
-    share: Array = (_beats(np.take_along_axis(come, own[:, None], 1), come) * others).sum(1) / others.sum(1)
-    return share
+    return (_beats(np.take_along_axis(come, own[:, None], 1), come) * others).sum(1) / others.sum(1)
 
 
 def wins(come: Array) -> Array:

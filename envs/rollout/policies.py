@@ -203,16 +203,14 @@ def joint_action_sampler(sizes: Any) -> Callable[[Any], Actions]:
 
         def each(numbers: Any) -> Actions:
             words = mix64(numbers[..., None] + GOLDEN * np.arange(1, len(sizes) + 1, dtype=np.uint64))
-            actions: Actions = ((words >> half) * sizes.astype(np.uint64) >> half).astype(np.int16)
-            return actions
+            return ((words >> half) * sizes.astype(np.uint64) >> half).astype(np.int16)
 
         return each
     joint: Any = np.indices(sizes).reshape(len(sizes), -1).T.astype(np.int16)
     count = np.uint64(len(joint))
 
     def sample(numbers: Any) -> Actions:
-        actions: Actions = joint[(numbers >> half) * count >> half]
-        return actions
+        return joint[(numbers >> half) * count >> half]
 
     return sample
 

@@ -129,8 +129,7 @@ def _run_on_worker(version: str, task: RolloutTask, first: int, count: int) -> S
 
 def _result(reference: Any, first: int, count: int) -> Summary:
     try:
-        result: Summary = ray.get(reference)
-        return result
+        return ray.get(reference)
     except RayTaskError as error:
         if isinstance(error.cause, OutlastError):  # raised without Ray's traceback, as on one machine
             raise error.cause from None

@@ -208,8 +208,7 @@ def _mean_and_error(sums: Array, squares: Array, count: int) -> tuple[float, flo
 
 def _joined(parts: Sequence[Array]) -> Array:
     """Concatenate arrays, and keep their masks."""
-    joined: Array = (np.ma if isinstance(parts[0], np.ma.MaskedArray) else np).concatenate(parts)
-    return joined
+    return (np.ma if isinstance(parts[0], np.ma.MaskedArray) else np).concatenate(parts)
 
 
 def _finite(value: float) -> float | None:

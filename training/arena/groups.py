@@ -135,5 +135,4 @@ def _shares(won: Array, drawn: Array) -> Array:
     """Return the shares of games that groups win, (reps, groups, groups): a draw counts half."""
     games = won + won.transpose(0, 2, 1) + drawn
     games[:, np.eye(games.shape[1], dtype=bool)] = np.nan
-    shares: Array = (won + drawn / 2) / games
-    return shares
+    return (won + drawn / 2) / games

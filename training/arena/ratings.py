@@ -114,23 +114,19 @@ def _fitted(games: Array, score: Array) -> Array:
         odds = odds + step
         if np.abs(step).max() < SURE:
             break
-    mean_zero: Array = odds - odds.mean(-1, keepdims=True)
-    return mean_zero
+    return odds - odds.mean(-1, keepdims=True)
 
 
 def _expected(odds: Array) -> Array:
     """Return the expected score of a game of i against j: (..., players, players)."""
-    expected: Array = 1 / (1 + np.exp(odds[..., None, :] - odds[..., :, None]))
-    return expected
+    return 1 / (1 + np.exp(odds[..., None, :] - odds[..., :, None]))
 
 
 def _slope(odds: Array) -> Array:
     """Return the derivative of the expected score of i against j by their difference: (..., players, players)."""
-    slope: Array = _expected(odds) * _expected(-odds)
-    return slope
+    return _expected(odds) * _expected(-odds)
 
 
 def _laplacian(weights: Array) -> Array:
     """Return the sum over pairs of weight * (e_i - e_j)(e_i - e_j)^T, for symmetric weights."""
-    laplacian: Array = np.eye(weights.shape[-1]) * weights.sum(-1)[..., None] - weights
-    return laplacian
+    return np.eye(weights.shape[-1]) * weights.sum(-1)[..., None] - weights

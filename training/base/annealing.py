@@ -51,8 +51,7 @@ class Anneal:
 
 def kept(scenario: Scenario, name: str) -> object:
     """Return the value of a number in the scenario. Raises NumberError if it has no such number."""
-    value: object = scenario.numbers()["_".join(scenario.find_number(name))]
-    return value
+    return scenario.numbers()["_".join(scenario.find_number(name))]
 
 
 def parse_anneal(texts: Iterable[str]) -> tuple[Anneal, ...]:

@@ -95,8 +95,7 @@ def _means(values: Array, starts: Array) -> Array:
     there = np.isfinite(values)
     counts = np.add.reduceat(there, starts, dtype=np.float64)
     sums = np.add.reduceat(np.where(there, values, 0), starts, dtype=np.float64)
-    means: Array = np.where(counts > 0, sums / np.maximum(counts, 1), np.nan).astype(np.float32)
-    return means
+    return np.where(counts > 0, sums / np.maximum(counts, 1), np.nan).astype(np.float32)
 
 
 def curves_of_log(path: Path, known: Callable[[str], bool]) -> Curves:

@@ -183,15 +183,13 @@ class BehaviourMetrics:
         """Return the reach to the centre of a struck agent, (worlds, striker, struck); any axis may be 1."""
         reach, radius = (np.asarray(self.base_env.worlds.number(name)) for name in self._reach)
         reach = reach.reshape(*reach.shape, *[1] * (3 - reach.ndim))  # (worlds, agents that strike, 1)
-        found: Array = reach + (radius[:, None] if radius.ndim == 2 else radius.reshape(-1, 1, 1))
-        return found
+        return reach + (radius[:, None] if radius.ndim == 2 else radius.reshape(-1, 1, 1))
 
     def _near(self, place: Array, sides: Array, living: Array, reaches: Array) -> Array:
         """Return whether a living enemy that an agent faces is in reach: its centre is within `reaches`."""
         enemies = sides[..., :, None] != sides[..., None, :]
         apart = _length(place[..., :, None, :] - place[..., None, :, :])
-        near: Array = ((apart <= reaches) & enemies & living[..., None, :]).any(-1)
-        return near
+        return ((apart <= reaches) & enemies & living[..., None, :]).any(-1)
 
 
 class AgentMetrics:
@@ -240,8 +238,7 @@ class AgentMetrics:
 
 def _among(rows: Array, span: slice) -> Array:
     """Return whether each row lies in a span, bool."""
-    inside: Array = (rows >= span.start) & (rows < span.stop)
-    return inside
+    return (rows >= span.start) & (rows < span.stop)
 
 
 def means(tallies: Iterable[Tallies]) -> dict[str, float]:
@@ -264,5 +261,4 @@ def _reach(scenario: Scenario) -> tuple[str, ...]:
 
 
 def _length(vectors: Array) -> Array:
-    length: Array = np.sqrt((vectors * vectors).sum(-1))
-    return length
+    return np.sqrt((vectors * vectors).sum(-1))

@@ -56,5 +56,4 @@ class EpisodeNoise:
 
 def _uniform(words: Array) -> Array:
     """Turn uniform uint64 numbers into float32 of the same shape, from 0 to below 1."""
-    numbers: Array = (words >> np.uint64(40)).astype(np.float32) * np.float32(2**-24)
-    return numbers
+    return (words >> np.uint64(40)).astype(np.float32) * np.float32(2**-24)

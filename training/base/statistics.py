@@ -104,8 +104,7 @@ def performance_profile(scores: Scores, thresholds: Sequence[float] | Array) -> 
     bounds = _numbers("thresholds", thresholds)
     if bounds.ndim != 1:
         raise TrainingError(f"thresholds of shape {bounds.shape}: expected a list of numbers")
-    shares: Array = np.mean([(each[..., None] > bounds).mean(-2) for each in _checked(scores)], 0)
-    return shares
+    return np.mean([(each[..., None] > bounds).mean(-2) for each in _checked(scores)], 0)
 
 
 def stratified_bootstrap(

@@ -118,5 +118,4 @@ def hours(run: Run) -> Array | None:
         return None
     taken = np.diff(run.curves.steps, prepend=0) / np.where(speed > 0, speed, np.nan) / 3600
     imitation = np.nansum(run.curves.values.get("time/imitation", 0.0)) / 3600
-    elapsed: Array = np.nancumsum(taken) + imitation
-    return elapsed
+    return np.nancumsum(taken) + imitation

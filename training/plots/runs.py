@@ -174,8 +174,7 @@ def read_kept(path: Path) -> Run:
 
 def usual_numbers(name: str, of: str) -> dict[str, Any]:
     """Return the numbers of a variant without ablations, with the observations of a preset. Raises ScenarioError."""
-    found: dict[str, Any] = fingerprint(preset(of).scenario(variant(base(name))))["numbers"]
-    return found
+    return fingerprint(preset(of).scenario(variant(base(name))))["numbers"]
 
 
 def _check_plan(origin: Path, plan: Any) -> None:

@@ -160,8 +160,7 @@ def _without_tensors(node: Any, place: str, tensors: dict[str, Array]) -> Any:
 
 
 def _as_array(tensor: Tensor) -> Array:
-    found: Array = tensor.detach().cpu().numpy()
-    return found
+    return tensor.detach().cpu().numpy()
 
 
 def _as_tensors(policies: Sequence[Mapping[str, Array]]) -> list[dict[str, Tensor]]:

@@ -46,14 +46,12 @@ write, write_word = storer("float32"), storer("int64")
 
 @kernel
 def _given(call: int, k: int) -> int:
-    found: int = word(call + 8 * k)
-    return found
+    return word(call + 8 * k)
 
 
 @kernel
 def _field(call: int, layer: int, k: int) -> int:
-    found: int = word(_given(call, LAYER) + 8 * (FIELDS * layer + k))
-    return found
+    return word(_given(call, LAYER) + 8 * (FIELDS * layer + k))
 
 
 @kernel

@@ -90,8 +90,7 @@ class Extractor(nn.Module):
         weights = weights.new_zeros(rows, heads).index_add(0, key, weights)  # of each row, summed over queries
         values = (values.reshape(rows, heads, width // heads) * weights[:, :, None]).view(rows, width)
         sums = values.new_zeros(seen.owners, width).index_add(0, seen.agent, values)[:batch]
-        mean: Tensor = sums / seen.count.clamp(min=1)[:, None]
-        return mean
+        return sums / seen.count.clamp(min=1)[:, None]
 
     def _active(self, values: Tensor) -> Tensor:
         return ACTIVATIONS[self.preset.activation](values)
@@ -136,8 +135,7 @@ class Tower(nn.Module):
 
     def forward(self, features: Tensor) -> Tensor:
         """Map (batch, inputs) to (batch, outputs)."""
-        out: Tensor = self.last(self.inner(features))
-        return out
+        return self.last(self.inner(features))
 
     def inner(self, features: Tensor) -> Tensor:
         """Return the input of the last layer: (batch, hidden)."""
@@ -162,5 +160,4 @@ def begin(layer: nn.Linear, gain: float = GAIN) -> nn.Linear:
 
 def orthogonal(weight: Tensor, gain: float) -> Tensor:
     """Fill a weight (outputs, inputs) with an orthogonal matrix and return it."""
-    filled: Tensor = nn.init.orthogonal_(weight, gain)
-    return filled
+    return nn.init.orthogonal_(weight, gain)

@@ -145,8 +145,7 @@ class Networks(nn.Module):
 
     def values(self, seen: Observed, memory: Tensor | None = None, begins: Tensor | None = None) -> Tensor:
         """Return the values only, for callers that do not choose actions; see `forward`."""
-        values: Tensor = self(seen, memory, begins)[1]
-        return values
+        return self(seen, memory, begins)[1]
 
     def choose(self, logs: Tensor, uniform: Tensor | None) -> Tensor:
         """Choose actions, int64 (batch, actions): sampled by uniform numbers (batch, actions); None: the likeliest."""
@@ -229,8 +228,7 @@ class ActorCritic(Networks):
         """Return values from the features of the critic and, if it learns from it, the state of the worlds."""
         if self.overview is not None:
             features = torch.cat([features, self.critic.activation(self.overview(seen.state))], 1)
-        values: Tensor = self.critic(features).flatten()
-        return values
+        return self.critic(features).flatten()
 
     def _both(self, features: Tensor) -> tuple[Tensor, Tensor]:
         """Log probabilities and values of the same features: the first layers of both towers are one product."""

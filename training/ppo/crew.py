@@ -114,8 +114,7 @@ class CrewProcess(Crew):
         """Return the bytes of all processes, the same number from each: uint8 (processes, bytes)."""
         found = torch.zeros((self.size, len(own)), dtype=torch.uint8, device="cpu")
         self._run(lambda group: group.allgather([list(found)], [torch.from_numpy(own)]))
-        gathered: Array = found.numpy()
-        return gathered
+        return found.numpy()
 
     def _run(self, begin: Callable[[Any], Any]) -> None:
         """Run a collective operation of all processes. Raises TrainingError if one is lost."""

@@ -113,8 +113,7 @@ def curve(run: Curves, quantity: Quantity) -> Array:
     own = [run.values[tag] for tag in run.tags(quantity)]
     if not own:
         return np.full(len(run.steps), np.nan)
-    combined: Array = np.asarray((np.sum if quantity in SUMMED else np.mean)(own, 0, dtype=np.float64))
-    return combined
+    return np.asarray((np.sum if quantity in SUMMED else np.mean)(own, 0, dtype=np.float64))
 
 
 def part(run: Curves, quantity: Quantity, first: float, last: float) -> float:

@@ -160,7 +160,6 @@ def _against(rows: Sequence[Row], other: str) -> list[Row]:
 
 def _read(folder: Path) -> dict[str, Any]:
     try:
-        found: dict[str, Any] = json.loads(read_text(folder / TABLES))
-        return found
+        return json.loads(read_text(folder / TABLES))
     except strict_json.BROKEN as error:
         raise TrainingError(f"{folder / TABLES} is not an evaluation: {error}") from error

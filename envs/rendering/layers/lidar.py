@@ -44,5 +44,4 @@ def directions(scene: Scene, e: int) -> list[Point]:
 def distances(scene: Scene, i: int) -> list[float]:
     """Return the readings of the rays of agent number `i`, metres."""
     columns = scene.worlds.layout.fields["lidar"]["distance"].columns
-    read: list[float] = scene[LidarView].lidar[i][columns]
-    return read
+    return scene[LidarView].lidar[i][columns]

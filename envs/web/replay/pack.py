@@ -137,15 +137,13 @@ def _places(of: str, bodies: Sequence[Json]) -> dict[str, list[int]]:
 
 def _bits(values: Any) -> list[int]:
     """Return the bits of values as float32."""
-    bits: list[int] = np.asarray(values, np.float32).view(np.int32).tolist()
-    return bits
+    return np.asarray(values, np.float32).view(np.int32).tolist()
 
 
 def _percent(shares: Array) -> list[int]:
     """Return shares in percent, -1 where they are unknown; clipped, as files may hold any number."""
     known = np.nan_to_num(np.rint(WHOLE * shares.astype(np.float32)), nan=-1)
-    percent: list[int] = known.clip(-1, WHOLE).astype(int).ravel().tolist()
-    return percent
+    return known.clip(-1, WHOLE).astype(int).ravel().tolist()
 
 
 def _bitset(bodies: list[int] | None, count: int) -> list[int]:
