@@ -1,12 +1,14 @@
 """Jobs in several processes."""
 
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -17,6 +19,7 @@ from outlast.training.base.processes import results
 from outlast.training.cli import benchmark, train
 from outlast.training.research import reproduce
 from outlast.training.research.__main__ import parser
+from tests.helpers.child_processes import children, lives, until
 
 PARENT = """
 import time
@@ -67,19 +70,26 @@ def test_results_come_in_order(at_once: int) -> None:
     assert (found[-1] == os.getpid()) == (at_once == 1)
 
 
-def test_what_a_job_raises_ends_the_others() -> None:
-    start = time.monotonic()
-    with pytest.raises(ZeroDivisionError):
-        [*results([partial(divmod, 1, 0), *[partial(time.sleep, 100)] * 3], 2)]
-    assert time.monotonic() - start < 50
+def _kill_this_process() -> None:
+    os.kill(os.getpid(), getattr(signal, "SIGKILL", signal.SIGTERM))
+
+
+ENDLESS, ENDED = partial(time.sleep, 1000), "a process that played was ended, maybe as memory ran out"
 
 
 @pytest.mark.timeout(120)
-@pytest.mark.parametrize("order", [1, -1])
-def test_a_process_that_is_killed_is_an_error(order: int) -> None:
-    """Whether it was started first or last."""
-    with pytest.raises(TrainingError, match="a process that played was ended, maybe as memory ran out"):
-        [*results([_kill_this_process, partial(time.sleep, 1000)][::order], 2)]
+@pytest.mark.parametrize(
+    ("jobs", "error", "words"),
+    [
+        ([partial(divmod, 1, 0), ENDLESS], ZeroDivisionError, "zero"),
+        ([_kill_this_process, ENDLESS], TrainingError, ENDED),
+        ([ENDLESS, _kill_this_process], TrainingError, ENDED),
+    ],
+    ids=["raises", "killed first", "killed last"],
+)
+def test_what_goes_wrong_in_a_job_ends_the_others(jobs: Any, error: type[Exception], words: str) -> None:
+    with pytest.raises(error, match=words):
+        [*results(jobs, 2)]
 
 
 UNGUARDED = {
@@ -97,30 +107,16 @@ outlast.train("ffa_1", "run", steps=1, processes=2, worlds=8, rollout=512, threa
 }
 
 
-@pytest.mark.parametrize("name", UNGUARDED)
-def test_a_program_without_a_main_guard_is_told_so_in_the_last_line(tmp_path: Path, name: str) -> None:
-    """Each process runs the whole program again, and fails where it would start further ones."""
+@pytest.mark.parametrize(("name", "file"), [("jobs", "program.py"), ("training", "program.py"), ("jobs", "-")])
+def test_a_program_without_a_main_guard_is_told_so_in_the_last_line(tmp_path: Path, name: str, file: str) -> None:
+    """Each process runs the program again; from standard input it cannot be imported, with a guard or without one."""
     (tmp_path / "program.py").write_text(UNGUARDED[name])
-    last = _last_line(tmp_path, [sys.executable, "program.py"])
-    assert 'which must start it under if __name__ == "__main__":' in last
-
-
-@pytest.mark.parametrize("name", UNGUARDED)
-def test_a_program_from_standard_input_is_told_so(tmp_path: Path, name: str) -> None:
-    """No process can import it, with a guard or without one."""
-    last = _last_line(tmp_path, [sys.executable, "-"], UNGUARDED[name])
-    assert last.endswith("the program comes from standard input, but several processes import it: put it into a file")
-
-
-def _last_line(folder: Path, words: list[str], given: str = "") -> str:
-    ended = subprocess.run(words, cwd=folder, input=given, capture_output=True, text=True, timeout=120, check=False)
-    assert ended.returncode == 1
-    assert not (folder / "run").exists()
-    return ended.stderr.strip().splitlines()[-1]
-
-
-def _kill_this_process() -> None:
-    os.kill(os.getpid(), getattr(signal, "SIGKILL", signal.SIGTERM))
+    ended = subprocess.run(
+        [sys.executable, file], cwd=tmp_path, input=UNGUARDED[name], capture_output=True, text=True, timeout=120
+    )
+    assert (ended.returncode, (tmp_path / "run").exists()) == (1, False)
+    guard, place = 'which must start it under if __name__ == "__main__":', "standard input, .*: put it into a file$"
+    assert re.search(place if file == "-" else guard, ended.stderr.strip().splitlines()[-1])
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="looks for processes in /proc")
@@ -132,15 +128,8 @@ def test_no_process_outlives_its_parent(tmp_path: Path, how: signal.Signals) -> 
         assert parent.stdout is not None
         while parent.stdout.readline().strip() != b"begun":
             assert parent.poll() is None
-        children = _children(parent.pid)
-        assert len(children) >= 2
+        jobs = children(parent.pid)
+        assert len(jobs) >= 2
         parent.send_signal(how)
         parent.wait(30)
-    end = time.monotonic() + 30
-    while time.monotonic() < end and any(Path("/proc", str(child)).exists() for child in children):
-        time.sleep(0.1)
-    assert [child for child in children if Path("/proc", str(child)).exists()] == []
-
-
-def _children(parent: int) -> list[int]:
-    return [int(word) for word in Path(f"/proc/{parent}/task/{parent}/children").read_text().split()]
+    until(lambda: not any(map(lives, jobs)))

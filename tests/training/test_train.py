@@ -4,11 +4,12 @@ import contextlib
 import inspect
 import itertools
 import os
+import re
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,38 +27,31 @@ from outlast.training.cli import train
 from outlast.training.runs.child_runs import ChildRun, side_by_side
 from outlast.training.runs.live_view import LiveView
 from tests import options
+from tests.helpers.child_processes import children, lives, until
 from tests.helpers.runs import assert_same, names, outlast_train, points
-from tests.training.test_crew import children
 
 TINY: dict[str, Any] = {"preset": "original", "worlds": 8, "rollout": 512, "threads": 1, "settings": {"n_epochs": 1}}
 WORDS = ("--preset=original", "--worlds=8", "--rollout=512", "--threads=1", "--ppo=n_epochs=1", "--quiet")
 
 
 def test_a_run_in_one_call_is_that_of_the_command(tmp_path: Path, monkeypatch, capsys) -> None:
+    """Settings are texts, or what they stand for."""
     monkeypatch.chdir(tmp_path)
     given: dict[str, Any] = TINY | {"seed": 3, "quiet": True, "melee_damage": 20, "memory": 8, "critic": "state"}
-    run = outlast.train("ffa_1", tmp_path / "a", steps=1500, **given)
-    more = ("--set", "melee_damage=20", "--memory", "8", "--critic", "state")
-    assert outlast_train("ffa_1", *WORDS, "--steps", "1.5e3", "--seed", "3", *more) == 0
-    assert "ffa_1-melee_damage=20-original-3: 2,048 agent-steps, which are 1,024 env" in capsys.readouterr().out
-    assert_same(tmp_path / "a", tmp_path / "runs/ffa_1-melee_damage=20-original-3")
-    assert (run.folder, run.steps, run.policy.name) == (tmp_path / "a", 2048, CHECKPOINT.format(2048))
-    assert run.logged["time/env_steps"] == 1024
-    again = outlast.train("ffa_1", tmp_path / "a", steps=2500, **given, resume=True)
+    given |= {"opponents": {"self": 0.5, "scripted": 0.5}, "anneal": ["rewards_kill=10:0@1e5"]}
+    texts = given | {"opponents": "self:0.5,scripted:0.5", "anneal": "rewards_kill=10:0@1e5"}
+    run = outlast.train("ffa_1", steps=1500, **texts)
+    words = "--steps 1.5e3 --seed 3 --set melee_damage=20 --memory 8 --critic state --opponents self:0.5,scripted:0.5"
+    assert outlast_train("ffa_1", *WORDS, *words.split(), "--anneal", "rewards_kill=10:0@1e5", "--out", "a") == 0
+    assert "a: 2,048 agent-steps, which are 1,024 env" in capsys.readouterr().out
+    assert_same(tmp_path / "a", run.folder)
+    assert (run.folder, run.steps) == (Path("runs/ffa_1-melee_damage=20-original-3"), 2048)
+    assert (run.policy.name, run.logged["time/env_steps"]) == (CHECKPOINT.format(2048), 1024)
+    again = outlast.train("ffa_1", run.folder, steps=2500, **given, resume=True)
     assert again.steps == 3072
-    done = outlast.train("ffa_1", tmp_path / "a", steps=2500, **given, resume=True)
+    done = outlast.train("ffa_1", run.folder, steps=2500, **given, resume=True)
     assert done.logged == pytest.approx(again.logged, nan_ok=True)
     assert outlast.load_policy(again.policy).header["steps"] == 3072
-
-
-def test_settings_are_texts_or_what_they_stand_for(tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    weights = "self:0.5,scripted:0.5"
-    one = outlast.train("ffa_1", steps=1, **TINY, quiet=True, opponents=weights, anneal="rewards_kill=10:0")
-    assert one.folder == Path("runs/ffa_1-original-0")
-    both = {"opponents": {"self": 0.5, "scripted": 0.5}, "anneal": ["rewards_kill=10:0"]}
-    other = outlast.train("ffa_1", "other", steps=1, **TINY, quiet=True, **both)
-    assert points(one.folder) == points(other.folder)
 
 
 @pytest.mark.parametrize(
@@ -75,6 +69,7 @@ def test_settings_are_texts_or_what_they_stand_for(tmp_path: Path, monkeypatch) 
         ({"opponents": ["self", "past"]}, r"opponents = \['self', 'past'\]: must be names .* {'self': 1, 'runs/a': 1}"),
         ({"warm_start": max}, "<built-in function max>: must be a name, such as 'scripted', or the path of a"),
         ({"processes": 1.5}, "processes = 1.5: an integer >= 1 is needed"),
+        ({"processes": 9, "worlds": 8}, "processes = 9: must be from 1 to 8, the number of worlds"),
         ({"opponents": "self,past", "prioritised": "no"}, "prioritised = 'no': allowed are True and False"),
         ({"levels": lambda progress: []}, "ffa_1 has no levels to choose, .*: vary some"),
     ],
@@ -97,7 +92,6 @@ def test_returns_of_agents_that_come_back_do_not_end_at_a_death() -> None:
 
 
 def test_whole_rollouts_are_said_before_they_are_collected() -> None:
-    """F23: --steps 100 collects 65,536, and showed 0.00/100 meanwhile."""
     sizes = "(256 worlds x 128 steps x 2 agents)"
     assert str(work(100)) == f"100 agent-steps, rounded up to one rollout of 65,536 {sizes}"
     assert str(work(10**7)) == f"10,000,000 agent-steps in 153 rollouts of 65,536 {sizes}"
@@ -136,7 +130,7 @@ def test_what_is_slow_to_load_is_not_loaded(tmp_path: Path) -> None:
 
 @pytest.mark.nightly
 def test_seeds_and_variants_are_trained_side_by_side(tmp_path: Path, capsys) -> None:
-    """What comes out is what single runs give."""
+    """What comes out is what single runs give; one that fails is reported, and the others go on."""
     options = ("--steps", "1024", *WORDS, "--out")
     assert outlast_train("ffa_1", "1v1_heals_mid", "--seed", "0", "3", *options, str(tmp_path)) == 0
     output = capsys.readouterr().out
@@ -146,19 +140,12 @@ def test_seeds_and_variants_are_trained_side_by_side(tmp_path: Path, capsys) -> 
     assert outlast_train("ffa_2", "--seed", "3", "--threads", "1", *options, str(tmp_path / "one")) == 0
     assert points(tmp_path / "one") == points(tmp_path / "ffa_2-original-3")
     assert points(tmp_path / "one") != points(tmp_path / "ffa_2-original-0")
-
-
-@pytest.mark.nightly
-def test_several_go_on_and_a_failure_is_reported(tmp_path: Path, capsys) -> None:
-    small = ("--seed", "0", "1", *WORDS, "--out", str(tmp_path))
-    alone = ("--seed", "0", "--steps", "1024", *WORDS, "--out", str(tmp_path / "ffa_1-original-0"))
-    assert outlast_train("ffa_1", *alone) == 0
-    assert outlast_train("ffa_1", "--steps", "2048", *small) == 2
+    longer = ("--seed", "0", "1", "--steps", "2048", *WORDS, "--out", str(tmp_path))
+    assert outlast_train("ffa_1", *longer) == 2
     output = capsys.readouterr().out
-    assert "ffa_1-original-0: outlast: " in output
-    assert "is not empty: take --resume" in output
+    assert re.search("ffa_1-original-0: outlast: .*is not empty: take --resume", output)
     assert "ffa_1-original-1: trained 2,048 agent-steps" in output
-    assert outlast_train("ffa_1", "--steps", "2048", "--resume", *small) == 0
+    assert outlast_train("ffa_1", *longer, "--resume") == 0
     assert names(tmp_path / "ffa_1-original-0") == [CHECKPOINT.format(n) for n in (1024, 2048)]
 
 
@@ -182,33 +169,20 @@ def test_a_sweep_is_a_run_of_each_combination(tmp_path: Path, monkeypatch) -> No
 
 
 @pytest.mark.parametrize(
-    ("program", "last"),
+    ("program", "status", "last"),
     [
-        ("", "outlast train ffa_2 --resume"),  # the end of the help; what reads its input must hold nothing
-        ("print('said\\n' * 100_000, 'at last\\n')", "run: at last\n"),  # more than a pipe holds
+        ("", 0, "outlast train ffa_2 --resume"),  # the end of the help; what reads its input must hold nothing
+        ("print('said\\n' * 100_000, 'at last\\n')", 0, "run: at last\n"),  # more than a pipe holds
+        ("import os; os.kill(os.getpid(), 9)", 128 + 9, "run: ended by signal 9: ended without output"),
     ],
-    ids=["help", "much"],
+    ids=["help", "much", "killed"],
 )
-def test_a_run_ends_well_whatever_it_prints(program: str, last: str, tmp_path: Path, capsys) -> None:
-    run = ChildRun(tmp_path / "run", ["--help"], resume=False)
+def test_a_run_ends_well_whatever_it_prints(program: str, status: int, last: str, tmp_path: Path, capsys) -> None:
+    runs = [ChildRun(tmp_path / name, ["--help"], resume=False) for name in ("run", "other")]
     if program:
-        run.words = [sys.executable, "-c", program]
-    run.start()
-    assert run.process.wait(60) == run.report() == 0
+        runs[0].words = [sys.executable, "-c", program]
+    assert side_by_side(runs, 2, LiveView(0, 1, quiet=True), lambda: 0) == status
     assert last in capsys.readouterr().out
-
-
-class Killed(ChildRun):
-    def start(self) -> None:
-        super().start()
-        self.process.kill()
-
-
-def test_a_run_that_was_killed_failed(tmp_path: Path, capsys) -> None:
-    """Also beside others that end well."""
-    runs = [kind(tmp_path / name, ["--help"], resume=False) for kind, name in ((Killed, "killed"), (ChildRun, "well"))]
-    assert side_by_side(runs, 2, LiveView(0, 1, quiet=True), lambda: 0) == 128 + signal.SIGKILL
-    assert "killed: ended by signal 9: ended without output" in capsys.readouterr().out
 
 
 def test_every_option_reaches_every_run() -> None:
@@ -242,55 +216,45 @@ def test_resumed_runs_without_a_checkpoint_are_named(tmp_path: Path, monkeypatch
 
 @contextlib.contextmanager
 def two_runs(
-    folder: Path, prepare: Callable[[], object] | None = None
+    folder: Path, prepare: Callable[[], object] | None
 ) -> Iterator[tuple["subprocess.Popen[str]", list[Path]]]:
     """A command that trains two runs, which have logged something; and their logs. prepare: called in its process."""
     words = [sys.executable, "-m", "outlast", "train", "ffa_1", "ffa_2", "--jobs", "2", "--out", str(folder), *WORDS]
     pipe = subprocess.PIPE
     with subprocess.Popen(words, stdout=pipe, stderr=pipe, text=True, preexec_fn=prepare) as process:
         logs = [folder / f"{name}-original-0/log.csv" for name in ("ffa_1", "ffa_2")]
-        deadline = time.monotonic() + 200
-        while not all(log.exists() and log.read_text().count("\n") > 1 for log in logs):
-            assert process.poll() is None
-            assert time.monotonic() < deadline
-            time.sleep(0.2)
+        until(
+            lambda: process.poll() is not None or all(log.exists() and log.read_text().count("\n") > 1 for log in logs)
+        )
+        assert process.poll() is None
         yield process, logs
 
 
 @pytest.mark.nightly
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are others there")
-def test_killed_all_of_them_save_and_end(tmp_path: Path) -> None:
-    with two_runs(tmp_path, lambda: signal.signal(signal.SIGINT, signal.SIG_IGN)) as (process, logs):
-        process.kill()  # one that a script has begun in the background
-    deadline = time.monotonic() + 100
-    while not all(names(log.parent) for log in logs):  # a run that is killed has no checkpoint so early
-        assert time.monotonic() < deadline
-        time.sleep(0.2)
-    time.sleep(1)
-    sizes = [log.stat().st_size for log in logs]
-    time.sleep(2)
-    assert [log.stat().st_size for log in logs] == sizes  # nobody goes on
-
-
-@pytest.mark.nightly
-@pytest.mark.skipif(sys.platform == "win32", reason="signals are others there")
-@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)])
-def test_asked_or_stopped_all_of_them_save(tmp_path: Path, number: int, status: int) -> None:
+@pytest.mark.parametrize(
+    ("number", "status"),
+    [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129), (signal.SIGKILL, -signal.SIGKILL)],
+)
+def test_asked_stopped_or_left_alone_all_of_them_save(tmp_path: Path, number: int, status: int) -> None:
     """Clusters send SIGTERM to every process, and the command stops its runs: they are interrupted twice."""
-    with two_runs(tmp_path) as (process, logs):
-        process.send_signal(signal.SIGUSR1)
-        deadline = time.monotonic() + 100
-        while not all(names(log.parent) for log in logs):  # no other checkpoint comes so early
-            assert process.poll() is None
-            assert time.monotonic() < deadline
-            time.sleep(0.2)
-        for pid in [*children(process.pid), process.pid] if number == signal.SIGTERM else [process.pid]:
+    alone = number == signal.SIGKILL
+    with two_runs(tmp_path, partial(signal.signal, signal.SIGINT, signal.SIG_IGN) if alone else None) as (
+        process,
+        logs,
+    ):
+        pids = children(process.pid)
+        if not alone:
+            process.send_signal(signal.SIGUSR1)
+            until(lambda: all(names(log.parent) for log in logs))  # no other checkpoint comes so early
+        for pid in [*pids, process.pid] if number == signal.SIGTERM else [process.pid]:
             os.kill(pid, number)
         out, err = process.communicate(timeout=100)
-    assert process.returncode == status
-    assert err.strip() == "outlast: stopped: continue with --resume"
-    assert out.count(": trained ") == 2
+    until(lambda: not any(map(lives, pids)))
     assert all(names(log.parent) for log in logs)
+    assert process.returncode == status
+    assert alone or err.strip() == "outlast: stopped: continue with --resume"
+    assert alone or out.count(": trained ") == 2
 
 
 def test_each_option_is_declared_once_and_said_everywhere(capsys) -> None:
