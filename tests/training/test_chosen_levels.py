@@ -74,9 +74,8 @@ def test_episodes_are_drawn_from_what_is_chosen() -> None:
 
 
 def test_the_policy_of_the_moment_can_play() -> None:
-    trainer = Trainer(config(fixed))
     found: list[TrainingProgress] = []
-    trainer.curriculum.choose = lambda progress: found.append(progress) or FIXED  # type: ignore[union-attr, func-returns-value]
+    trainer = Trainer(config(lambda progress: found.append(progress) or FIXED))
     trainer.collect()
     policy = found[-1].policy
     policy.check(trainer.env)
@@ -93,28 +92,6 @@ def test_a_level_without_anything_is_what_worlds_draw(more: dict[str, Any], tmp_
         TrainingRun(config(levels, **more), tmp_path / name).train()
     assert points(tmp_path / "plain") == points(tmp_path / "chosen")
     assert weights(tmp_path / "plain", 2 * EACH) == weights(tmp_path / "chosen", 2 * EACH)
-
-
-@pytest.mark.parametrize("more", [{}, {"opponents": {"self": 0.5, "random": 0.5}, "memory": 16, "rollout": 8 * 32}])
-def test_a_run_that_goes_on_is_the_run_that_did_not_stop(more: dict[str, Any], tmp_path: Path) -> None:
-    each = more.get("rollout", WORLDS * STEPS) * 2
-    TrainingRun(config(drawn, 4 * each, **more), tmp_path / "whole").train()
-    TrainingRun(config(drawn, 2 * each, **more), tmp_path / "parts").train()
-    TrainingRun(config(drawn, 4 * each, **more), tmp_path / "parts", resume=True).train()
-    assert points(tmp_path / "whole") == points(tmp_path / "parts")
-    assert weights(tmp_path / "whole", 4 * each) == weights(tmp_path / "parts", 4 * each)
-
-
-def test_levels_go_with_opponents_and_imitation() -> None:
-    trainer = Trainer(config(fixed, opponents={"self": 0.5, "random": 0.5}))
-    trainer.collect()
-    assert len(set(trainer.lane.opponent.tolist())) == 2
-    assert len(set(trainer.lane.own.tolist())) == 2
-    told: list[int] = []
-    trainer = Trainer(config(lambda progress: told.append(len(progress.played)) or FIXED, warm_start="scripted:1000"))
-    trainer.imitate(lambda done, tags: None)
-    trainer.collect()
-    assert told[0] == 0 < told[1]
 
 
 @pytest.mark.parametrize(
@@ -139,10 +116,9 @@ def test_what_cannot_choose_is_refused() -> None:
         config("levels.json")
     with pytest.raises(TrainingError, match="the levels function runs in one process only"):
         config(fixed, processes=2)
-    # among so many others that hardly any world would get it
     plan = FloorPlan(walls=[(-4, 0, 0.5, 8)])
     game = variant("ffa_1").with_(plan.mechanic(1)).vary(walls_layout=free(plan.layout(1)))
-    chosen = [Level()] * 99_999 + [Level({"walls_layout": (0, 0, -1, 1, 0, 0)})]
+    chosen = [Level()] * 99_999 + [Level({"walls_layout": (0, 0, -1, 1, 0, 0)})]  # which hardly any world gets
     trainer = Trainer(config(lambda progress: chosen, scenario=game))
     with pytest.raises(TrainingError, match=r"must return levels: level 99999: walls\.layout: rectangle 0"):
         trainer.collect()

@@ -1,6 +1,5 @@
 """Runs: resumed ones are as if they had never stopped, logs and checkpoints are whole."""
 
-import inspect
 import json
 import shutil
 import signal
@@ -9,7 +8,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 import numpy as np
@@ -18,6 +16,7 @@ import torch
 from safetensors.torch import load
 
 import outlast
+from docs.examples.own_ppo import Pooled
 from outlast import variant
 from outlast.components import OthersView, Phase, Reward, SelfView, Side
 from outlast.distributions import choice
@@ -25,6 +24,7 @@ from outlast.ecs import Entity, Field, Module, Offset, Read, Rows, Singleton, Wr
 from outlast.envs.errors import StateError, UsageError
 from outlast.envs.rollout.saved import CHECKPOINT, common_scenario, newest
 from outlast.envs.storage.folder_lock import FolderLock, is_lock
+from outlast.envs.storage.interrupts import interrupts_held
 from outlast.training.base.config import TrainingConfig
 from outlast.training.base.errors import TrainingError
 from outlast.training.base.log_file import last_step, read_log
@@ -33,6 +33,8 @@ from outlast.training.runs import run as runs
 from outlast.training.runs.run import TrainingRun
 from tests.helpers.checkpoints import KEPT
 from tests.helpers.runs import EACH, SHORT, assert_same, config, names, points
+from tests.training import test_chosen_levels as levels
+from tests.training.test_seams import HIDING, SEEKERS, Remembering
 
 Folders = Callable[..., Path]
 
@@ -57,23 +59,25 @@ def test_a_resumed_run_logs_the_same_numbers(whole: Folders, begun: Folders) -> 
     assert_same(whole(6), parts)
     assert [json.loads((folder / "run.json").read_text())["asked"] for folder in (whole(6), parts)] == [6 * EACH] * 2
     found = points(parts)
-    assert len(found["train/value_loss"]) == 6
+    assert [value for _, value in found["train/epochs"]] == [3.0] * 6
     assert found["rollout/reward0"][-1] != found["rollout/reward0"][-2]
-    paper = {f"rollout/{name}" for name in ("reward0", "reward1", "kills0", "kills1", "steps", "heals_used")}
-    more = {"rollout/deaths_zone", "rollout/deaths_melee", "behaviour/attack_far", "behaviour/zone_distance"}
-    update = {f"train/{name}" for name in ("approx_kl", "entropy", "epochs", "value_loss", "clip_fraction")}
-    assert paper | more | update | {"behaviour/heals_held", "behaviour/heals_given"} <= found.keys()
-    assert {value for _, value in found["train/epochs"]} == {3.0}
 
 
 @pytest.mark.parametrize(
     "options",
-    [{"memory": 8, "rollout": 8 * 32}, {"policies": "side", "critic": "state", "prioritised": True}],
-    ids=["memory", "sides"],
+    [
+        {"memory": 8, "rollout": 8 * 32},
+        {"policies": "side", "critic": "state", "prioritised": True},
+        {"levels": levels.drawn, "scenario": levels.SHORT, "memory": 16, "rollout": 8 * 32},
+        {"networks": Remembering, "memory": 8, "rollout": 8 * 32},
+        {"networks": {"seeker": Pooled}, "scenario": HIDING, "policies": "side", "settings": SEEKERS},
+        {"preset": "fast,seeker:original", "scenario": HIDING, "policies": "side"},
+    ],
+    ids=["memory", "sides", "levels", "networks", "networks of sides", "presets of sides"],
 )
 def test_a_resumed_run_is_the_same_whatever_it_trains(options: dict[str, Any], tmp_path: Path) -> None:
     opponents = {"self": 1.0, "past": 1.0, "scripted": 1.0}
-    plan = partial(config, preset="fast", opponents=opponents, snapshots=1, **options)
+    plan = partial(config, **({"preset": "fast", "opponents": opponents, "snapshots": 1} | options))
     each = 2 * options.get("rollout", 8 * 24)
     TrainingRun(plan(4 * each), tmp_path / "whole").train()
     for rollouts in (2, 4):
@@ -82,7 +86,7 @@ def test_a_resumed_run_is_the_same_whatever_it_trains(options: dict[str, Any], t
 
 
 def test_a_resumed_run_with_scaled_rewards_and_an_annealed_rate_is_the_same(tmp_path: Path) -> None:
-    """Stopped twice; the rate falls along the whole run, and a run of another length would be another one."""
+    """The rate falls along all of it, and a run of another length would be another one."""
     fast, parts = config(5 * EACH, "fast", settings={"batch_size": 64}), tmp_path / "parts"
     TrainingRun(fast, tmp_path / "whole").train()
     run = TrainingRun(fast, parts)
@@ -106,20 +110,6 @@ def test_a_resumed_run_with_scaled_rewards_and_an_annealed_rate_is_the_same(tmp_
     TrainingRun(replace(fast, settings=named), parts, resume=True).train()
 
 
-def test_pytorch_is_left_as_it_was(tmp_path: Path) -> None:
-    """Its threads, with which sums round, and the user's random numbers, also where a run cannot begin."""
-    torch.set_num_threads(2)  # put back by the fixture
-    torch.manual_seed(5)
-    expected = torch.rand(3)
-    torch.manual_seed(5)
-    TrainingRun(config(EACH, threads=3), tmp_path / "run").train()
-    (tmp_path / "file").touch()
-    with pytest.raises(TrainingError, match="Not a directory"):
-        TrainingRun(config(EACH, threads=3), tmp_path / "file" / "run")
-    assert torch.get_num_threads() == 2
-    assert torch.equal(torch.rand(3), expected)
-
-
 def test_what_was_logged_after_the_checkpoint_is_taken_back(whole: Folders, begun: Folders) -> None:
     """Also in TensorBoard's files."""
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
@@ -138,41 +128,52 @@ def test_what_was_logged_after_the_checkpoint_is_taken_back(whole: Folders, begu
         np.testing.assert_allclose(read, values, rtol=1e-6)
 
 
-@pytest.mark.parametrize("row", [b"rollout/steps,many,1\n", b"\xff,8,1\n"])
-def test_a_damaged_log_is_named(row: bytes, begun: Folders) -> None:
-    folder = begun(1)
-    with (folder / "log.csv").open("ab") as log:
-        log.write(row)
-    with pytest.raises(TrainingError, match=r"log\.csv(, line \d+: .* is not a tag, a step, a value| cannot be read)"):
-        resume(folder, 2)
-
-
 def test_a_run_that_was_killed_before_its_first_checkpoint_begins_again(whole: Folders, tmp_path: Path) -> None:
+    (tmp_path / ".log.csv-0123abcd.tmp").write_text("half")  # a folder with nothing else counts as empty
     killed = TrainingRun(config(2 * EACH), tmp_path)
     killed.log.close()
     killed.lock.release()
-    (tmp_path / ".log.csv-0123abcd.tmp").write_text("half")
     with (tmp_path / "log.csv").open("a") as log:
         log.write("train/loss,384,0.5\ntrain/lo")
-    with pytest.raises(TrainingError, match="is not empty: take --resume"):
-        TrainingRun(config(2 * EACH), tmp_path)
-    for changes, words in (
-        ({"seed": 4}, "was begun with seed = 3, not 4"),
-        ({"scenario": SHORT.replace(agents_health=11)}, "another scenario .*: agents_health is 10 there and 11 here"),
-        ({"scenario": SHORT.with_(marked(1))}, "another scenario .*: here the mechanic marked is .*Marked"),
-    ):
-        with pytest.raises(TrainingError, match=words):
-            resume(tmp_path, 2, **changes)
     resume(tmp_path, 2).train()
     assert points(tmp_path) == points(whole(2))
     assert not list(tmp_path.glob("*.tmp"))
 
 
-@pytest.mark.parametrize("again", [False, True])
-def test_a_folder_with_nothing_but_a_temporary_file_is_empty(tmp_path: Path, again: bool) -> None:
-    (tmp_path / ".run.json-0123abcd.tmp").write_text("half")
-    TrainingRun(config(EACH), tmp_path, resume=again).log.close()
-    assert not list(tmp_path.glob("*.tmp"))
+@pytest.mark.parametrize("saved", [False, True])
+def test_a_run_of_another_plan_is_refused_and_left_alone(begun: Folders, tmp_path: Path, saved: bool) -> None:
+    """As the checkpoint says or, before the first one, run.json."""
+    with pytest.raises(TrainingError, match="does not hold a run to resume"):
+        resume(tmp_path / "none", 1)
+    assert not (tmp_path / "none").exists()
+    folder = begun(1)
+    if not saved:
+        newest(folder).unlink()
+    before = {path: path.read_bytes() for path in folder.iterdir()}
+    with pytest.raises(TrainingError, match="is not empty: take --resume"):
+        TrainingRun(config(EACH), folder)
+    for changes, words in (
+        ({"worlds": 4}, "was begun with worlds = 8, not 4"),
+        ({"preset": "fast"}, "begun with preset = original, not fast.*: resume with the same, or .* --out"),
+        ({"scenario": SHORT.replace(agents_health=11)}, "another scenario .*: agents_health is 10 there and 11 here"),
+        ({"scenario": SHORT.with_(marked(1))}, "another scenario .*: here the mechanic marked is .*Marked"),
+    ):
+        with pytest.raises((TrainingError, StateError), match=words):
+            resume(folder, 1, **changes)
+    assert {path: path.read_bytes() for path in folder.iterdir()} == before
+    for row in (b"rollout/steps,many,1\n", b"\xff,8,1\n"):
+        (folder / "log.csv").write_bytes(before[folder / "log.csv"] + row)
+        with pytest.raises(
+            TrainingError, match=r"log\.csv(, line \d+: .* is not a tag, a step, a val| cannot be read)"
+        ):
+            resume(folder, 2)
+
+
+def test_a_run_whose_mechanic_has_other_code_is_refused(tmp_path: Path) -> None:
+    TrainingRun(config(EACH, scenario=SHORT.with_(marked(1))), tmp_path).train()
+    resume(tmp_path, 2, scenario=SHORT.with_(marked(1))).train()
+    with pytest.raises(StateError, match=r"another scenario .*: the code of the mechanic marked .*Marked\) is another"):
+        resume(tmp_path, 3, scenario=SHORT.with_(marked(2)))
 
 
 def test_a_run_whose_opponents_see_more_goes_on_from_its_beginning(tmp_path: Path) -> None:
@@ -182,8 +183,6 @@ def test_a_run_whose_opponents_see_more_goes_on_from_its_beginning(tmp_path: Pat
         run = TrainingRun(config(EACH, "fast", scenario=game, opponents=opponents), tmp_path, resume=again)
         run.log.close()
         run.lock.release()
-    with pytest.raises(TrainingError, match="was begun with another scenario"):
-        resume(tmp_path, 1, preset="fast", scenario=game.replace(melee_damage=6), opponents=opponents)
 
 
 def test_a_run_of_many_agents_can_be_gone_on_with(tmp_path: Path) -> None:
@@ -235,28 +234,15 @@ def interrupted(run: TrainingRun) -> None:
     optimizer.step = stop  # type: ignore[method-assign]
 
 
-def test_a_second_ctrl_c_does_not_come_ahead_of_the_checkpoint(tmp_path: Path) -> None:
-    """It comes between the first one and the first line of what saves."""
-    run, came = TrainingRun(config(6 * EACH), tmp_path), list[int]()
-    lines, first = inspect.getsourcelines(inspect.unwrap(TrainingRun.train))
-    saving = first + next(k for k, line in enumerate(lines) if "with interrupts_held()" in line)
+def test_a_second_ctrl_c_does_not_come_ahead_of_the_checkpoint(tmp_path: Path, monkeypatch) -> None:
+    def held() -> Any:
+        signal.raise_signal(signal.SIGINT)  # after the first one, ahead of what saves
+        return interrupts_held()
 
-    def trace(frame: FrameType, event: str, argument: Any) -> Any:
-        if frame.f_code.co_name != "train" or Path(frame.f_code.co_filename).name != "run.py":
-            return None
-        if event == "line" and frame.f_lineno == saving:
-            came.append(frame.f_lineno)
-            signal.raise_signal(signal.SIGINT)
-        return trace
-
-    before = sys.gettrace()
-    sys.settrace(trace)
-    try:
-        with pytest.raises(KeyboardInterrupt):
-            run.train(lambda run: signal.raise_signal(signal.SIGINT) if run.done == EACH else None)
-    finally:
-        sys.settrace(before)
-    assert came
+    run = TrainingRun(config(6 * EACH), tmp_path)
+    monkeypatch.setattr(runs, "interrupts_held", held)
+    with pytest.raises(KeyboardInterrupt):
+        run.train(lambda run: signal.raise_signal(signal.SIGINT) if run.done == EACH else None)
     assert names(tmp_path) == [CHECKPOINT.format(EACH)]
 
 
@@ -366,10 +352,7 @@ def test_two_processes_do_not_train_one_run(tmp_path: Path) -> None:
             TrainingRun(config(EACH), tmp_path, resume=again)
     assert all(map(is_lock, tmp_path.iterdir()))
     lock.release()
-    run = TrainingRun(config(EACH), tmp_path)
-    with pytest.raises(TrainingError, match="another process trains this run"):
-        resume(tmp_path, 1)
-    run.train()
+    TrainingRun(config(EACH), tmp_path).train()
     resume(tmp_path, 2).train()
 
 
@@ -405,47 +388,11 @@ def test_the_files_of_a_checkpoint(begun: Folders) -> None:
     header, saved = json.loads((folder / "run.json").read_text()), checkpoint.header_of(files)
     assert header == {key: saved[key] for key in ("plan", "scenario", "modules")} | {"asked": EACH}
     assert saved["preset"] == "original"
-    (folder / "run.json").write_text("{")
-    newest(folder).unlink()
-    with pytest.raises(TrainingError, match=r"run.json does not describe a run"):
-        resume(folder, 1)
-
-
-def test_what_cannot_be_resumed_is_refused_and_left_alone(begun: Folders, tmp_path: Path) -> None:
-    with pytest.raises(TrainingError, match="does not hold a run to resume"):
-        resume(tmp_path / "none", 1)
-    assert not (tmp_path / "none").exists()
-    folder = begun(1)
-    before = {path: path.read_bytes() for path in folder.iterdir()}
-    with pytest.raises(TrainingError, match="is not empty: take --resume"):
-        TrainingRun(config(EACH), folder)
-    for changes, words in (
-        ({"worlds": 4}, "was begun with worlds = 8, not 4"),
-        ({"preset": "fast"}, "begun with preset = original, not fast.*: resume with the same, or .* --out"),
-        ({"scenario": SHORT.replace(agents_health=11)}, "another scenario .*: agents_health is 10 there and 11 here"),
-    ):
-        with pytest.raises((TrainingError, StateError), match=words):
-            resume(folder, 1, **changes)
-    assert {path: path.read_bytes() for path in folder.iterdir()} == before
-
-
-def test_a_checkpoint_of_a_game_with_another_mechanic_is_refused(tmp_path: Path) -> None:
-    TrainingRun(config(EACH, scenario=SHORT.with_(marked(1))), tmp_path).train()
-    resume(tmp_path, 2, scenario=SHORT.with_(marked(1))).train()
-    with pytest.raises(StateError, match=r"another scenario .*: the code of the mechanic marked .*Marked\) is another"):
-        resume(tmp_path, 3, scenario=SHORT.with_(marked(2)))
-
-
-def test_a_plan_that_could_not_be_read_is_not_begun(tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr("outlast.training.base.run_header.MOST", 1)
-    with pytest.raises(TrainingError, match="does not describe a run"):
-        TrainingRun(config(EACH), tmp_path / "run")
-    assert not (tmp_path / "run").exists()
 
 
 @pytest.mark.parametrize(
     "given",
-    [{"steps": -1}, {"every": 0}, {"snapshots": 0, "opponents": {"past": 1.0}}, {"rollout": -64}, {"seed": 1.5}],
+    [{"steps": -1}, {"every": 0}, {"snapshots": 0, "opponents": {"past": 1}}, {"memory": -1}, {"seed": 1.5}],
 )
 def test_numbers_that_cannot_be_are_named(given: dict[str, Any]) -> None:
     with pytest.raises(TrainingError, match=f"{next(iter(given))} = .*: an integer >= [01] is needed"):

@@ -9,6 +9,7 @@ import torch
 
 import outlast
 from docs.examples.own_ppo import Pooled, Predicting, kl_penalty, predicting
+from outlast.envs.rollout.saved import CHECKPOINT
 from outlast.envs.scenarios.hide_and_seek import HIDE_DOOR
 from outlast.training.base.config import TrainingConfig
 from outlast.training.base.errors import TrainingError
@@ -16,14 +17,13 @@ from outlast.training.base.presets import preset
 from outlast.training.policies.player import Player
 from outlast.training.policies.policy import ActorCritic
 from outlast.training.policies.rows import Rows
-from outlast.training.ppo import learner
 from outlast.training.ppo.loss import ppo_loss
 from outlast.training.ppo.minibatches import Batch
 from outlast.training.ppo.trainer import Trainer
 from outlast.training.runs.run import TrainingRun
 from outlast.training.runs.train import TrainedRun
-from tests.helpers.runs import assert_same, points
-from tests.helpers.trainers import make, weights
+from tests.helpers.runs import names, points
+from tests.helpers.trainers import make
 
 OWN = Pooled.__module__
 EACH = 8 * 32 * 2  # agent-steps of a rollout
@@ -50,6 +50,11 @@ class WithState(Pooled):
         return super().logs(seen, memory, begins)
 
 
+ROLES = {"hider": outlast.role(2), "seeker": outlast.role(2, without=["grab", "lock"])}
+HIDING = HIDE_DOOR.roles(**ROLES).replace(ending_limit=20, preparation_ticks=5, handling_reach=3)
+SEEKERS = {"seeker:learning_rate": 1e-4, "seeker:n_epochs": 3, "batch_size": 128, "anneal_lr": False}
+
+
 def train(folder: Path, steps: int = 2 * EACH, **options: Any) -> TrainedRun:
     return outlast.train("ffa_2", folder, steps=steps, **(TINY | options))
 
@@ -69,24 +74,7 @@ def test_a_loss_with_an_auxiliary_term_is_trained(tmp_path: Path) -> None:
             train(tmp_path / "parts", 4 * EACH, networks=Predicting, loss=other, resume=True)
 
 
-def test_the_clip_can_be_changed_into_a_penalty() -> None:
-    """And gradients are the same in shares as in one."""
-    after = []
-    for share in (10**6, 24):
-        trainer = make("fast", loss=kl_penalty, target_kl=0.0, n_epochs=2)
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(learner, "SHARE", share)
-            logged = trainer.update(trainer.collect())
-        after.append(weights(trainer.policies[0]))
-        assert {"train/policy_loss", "train/value_loss", "train/loss", "train/approx_kl"} < logged.keys()
-    torch.testing.assert_close(*after, rtol=1e-3, atol=1e-4)
-    plain = make("fast", target_kl=0.0, n_epochs=2)
-    plain.update(plain.collect())
-    assert not torch.allclose(weights(plain.policies[0]), after[0], rtol=1e-3, atol=1e-4)
-
-
 def test_old_values_are_those_of_the_rollout() -> None:
-    """And advantages as they were are what returns add to them."""
     seen: list[Batch] = []
     trainer = make("fast", loss=lambda batch: (seen.append(batch), ppo_loss(batch))[1], batch_size=10**6)
     rollout = trainer.collect()
@@ -101,110 +89,86 @@ def test_old_values_are_those_of_the_rollout() -> None:
     [(Pooled, {"policies": "side", "opponents": "self:1,past:1", "snapshots": 1}), (Remembering, {"memory": 8})],
 )
 def test_networks_of_ones_own(networks: Any, options: dict[str, Any], tmp_path: Path) -> None:
-    run = train(tmp_path / "parts", networks=networks, **options)
-    train(tmp_path / "parts", 3 * EACH, networks=networks, resume=True, **options)
-    train(tmp_path / "whole", 3 * EACH, networks=networks, **options)
-    assert_same(tmp_path / "parts", tmp_path / "whole")
+    run = train(tmp_path / "run", networks=networks, **options)
     player = outlast.load_policy(run.policy)
     assert all(isinstance(policy, networks) for policy in player.policies)
-    found = outlast.evaluate("ffa_2", [run.policy, "random"], episodes=4)
-    assert "random" in str(found)
+    assert "random" in str(outlast.evaluate("ffa_2", [run.policy, "random"], episodes=4))
     more = train(tmp_path / "more", EACH, networks=networks, warm_start=run.policy, **options)
     assert more.steps == EACH
     if not player.memory:
         values, likely, attention = player.explainer()(outlast.make_vec("ffa_2", 2).reset(seed=0)[0])
-        assert np.isfinite(values).all()
-        assert np.isfinite(likely).all()
+        assert np.isfinite([values.sum(), likely.sum()]).all()
         assert not np.any(attention)
     with pytest.raises(TrainingError, match=f"begun with networks = .*{networks.__name__}, not None"):
-        train(tmp_path / "parts", 4 * EACH, resume=True, **options)
+        train(tmp_path / "run", 4 * EACH, resume=True, **options)
 
 
-def test_sides_have_networks_and_numbers_of_their_own(tmp_path: Path) -> None:
-    """Seekers lack grab and lock, learn more slowly, and by other networks; a resumed run is the same to the byte."""
-    roles = {"hider": outlast.role(2), "seeker": outlast.role(2, without=["grab", "lock"])}
-    game = HIDE_DOOR.roles(**roles).replace(ending_limit=20, preparation_ticks=5, handling_reach=3)
-    seekers: dict[str, Any] = {
-        "seeker:learning_rate": 1e-4,
-        "seeker:n_epochs": 3,
-        "batch_size": 128,
-        "anneal_lr": False,
-    }
-    own = {"policies": "side", "networks": {"seeker": Pooled}, "opponents": "self:1,past:1", "snapshots": 1}
-    options = TINY | own | {"settings": seekers}
-
-    def trained(folder: str, rollouts: int, **more: Any) -> TrainedRun:
-        return outlast.train(game, tmp_path / folder, steps=rollouts * 2 * EACH, **(options | more))
-
-    run = trained("parts", 2)
-    trained("parts", 3, resume=True)
-    trained("whole", 3)
-    assert_same(tmp_path / "whole", tmp_path / "parts")
-    assert [type(policy) for policy in Player(run.policy).policies] == [ActorCritic, Pooled]
-    trainer = make("fast", scenario=game, policies="side", **{"seeker:n_epochs": 7})
-    assert [learner.numbers.n_epochs for learner in trainer.learners] == [3, 7]
-    rollout = trainer.collect()
-    hiding, seeking = (rollout.learner == number for number in (0, 1))
-    grab = [name for name, _ in trainer.env.action_columns].index("grab")
-    assert (rollout.actions[seeking][:, grab] == 0).all()  # nothing else is drawn for who lacks the action
-    assert rollout.actions[hiding][:, grab].any()
-    played = outlast.evaluate(game, [run.policy, "random"], episodes=2, worlds=2, quiet=True)
-    assert len(played.pairings) == 3
-    with pytest.raises(TrainingError, match="begun with settings = "):
-        trained("parts", 4, resume=True, settings=seekers | {"seeker:n_epochs": 4})
-    for given, words in (
-        ({"settings": {"seekr:n_epochs": 4}}, "unknown policy 'seekr'; did you mean seeker"),
-        ({"networks": {"finder": Pooled}}, "networks: unknown policy 'finder'; did you mean hider"),
-        ({"settings": {"seeker:gamma": 0.9}}, "seeker:gamma: all policies share gamma"),
-        ({"policies": "shared"}, "of one side need policies of their own: take policies = 'side'"),
-    ):
-        with pytest.raises(TrainingError, match=words):
-            trained("other", 1, **given)
-
-
-def test_sides_have_presets_of_their_own(tmp_path: Path) -> None:
-    """Each observes, learns and plays as where all have its preset; what a rollout is, the first one says."""
-    game = HIDE_DOOR.replace(ending_limit=20, preparation_ticks=5, handling_reach=3)
-    mixed, usual = "fast,seeker:original", {"policies": "side", "worlds": 8}
-    own: dict[str, Any] = usual | {"preset": mixed, "opponents": "self:1,past:1", "snapshots": 1}
-
-    def trained(folder: str, rollouts: int, **more: Any) -> TrainedRun:
-        return outlast.train(game, tmp_path / folder, steps=rollouts * 2 * EACH, **(TINY | own | more))
-
-    run = trained("parts", 2)
-    trained("parts", 3, resume=True)
-    trained("whole", 3)
-    assert_same(tmp_path / "whole", tmp_path / "parts")
+@pytest.mark.parametrize(
+    ("own", "kinds"),
+    [
+        ({"networks": {"seeker": Pooled}, "settings": SEEKERS}, [(ActorCritic, "fast"), (Pooled, "fast")]),
+        ({"preset": "fast,seeker:original"}, [(ActorCritic, "fast"), (ActorCritic, "original")]),
+    ],
+    ids=["networks", "presets"],
+)
+def test_sides_have_networks_and_numbers_of_their_own(own: dict[str, Any], kinds: Any, tmp_path: Path) -> None:
+    opposed: dict[str, Any] = {"policies": "side", "opponents": "self:1,past:1", "snapshots": 1}
+    run = outlast.train(HIDING, tmp_path, steps=1, **(TINY | opposed | own))
     player = Player(run.policy)
-    assert [policy.preset.name for policy in player.policies] == ["fast", "original"]
-    env = outlast.make_vec(player.scenario(game), 2, seed=0)
-    assert env.scenario.numbers()["cameras_mode"] == "revealed"
+    assert [(type(policy), policy.preset.name) for policy in player.policies] == kinds
+    env = outlast.make_vec(player.scenario(HIDING), 2, seed=0)
+    assert env.scenario.numbers()["cameras_mode"] == ("revealed" if "preset" in own else "masked")
     values, likely, attention = player.explainer()(env.reset()[0])
-    assert np.isfinite(values).all()
-    assert np.isfinite(likely).all()
+    assert np.isfinite([values.sum(), likely.sum()]).all()
     assert (attention.sum(-1) <= 1 + 1e-6).all()
-    assert len(outlast.evaluate(game, [run.policy, "random"], episodes=2, worlds=2, quiet=True).pairings) == 3
-    config = TrainingConfig(game, mixed, rollout=8 * 32, **usual)
+    played = outlast.evaluate(HIDING, [run.policy, "random"], episodes=2, worlds=2, quiet=True)
+    assert len(played.pairings) == 3
+    others = SEEKERS | {"seeker:n_epochs": 4}
+    with pytest.raises(TrainingError, match="begun with settings = "):
+        outlast.train(HIDING, tmp_path, steps=1, resume=True, **(TINY | opposed | own | {"settings": others}))
+
+
+def test_sides_have_presets_of_their_own() -> None:
+    """Each observes, learns and plays as where all have its preset; what a rollout is, the first one says."""
+    usual = {"policies": "side", "worlds": 8, "rollout": 8 * 32}
+    config = TrainingConfig(HIDING, "fast,seeker:original", **usual)
     assert config.numbers_by_policy["seeker"].target_kl == preset("original").numbers.target_kl
     assert config.numbers_by_policy["seeker"].scale_rewards == config.numbers.scale_rewards
-    assert config.size == TrainingConfig(game, "fast", rollout=8 * 32, **usual).size
+    assert config.size == TrainingConfig(HIDING, "fast", **usual).size
     rollout = Trainer(config).collect()
     seeking = rollout.learner == 1
     assert not rollout.idle[seeking].any()
     assert rollout.idle[~seeking].any()
     for number, (name, parts) in enumerate({"fast": ("own", "entities", "count"), "original": ("packed",)}.items()):
-        (there,) = Trainer(TrainingConfig(game, name, rollout=8 * 32, **usual)).collect().seen.values()
+        (there,) = Trainer(TrainingConfig(HIDING, name, **usual)).collect().seen.values()
         first = torch.from_numpy(np.flatnonzero(rollout.learner[0] == number))  # actions differ from then on
         one, other = rollout.seen[preset(name).form].select(first), there.select(first)
         assert all(torch.equal(getattr(one, part), getattr(other, part)) for part in parts)
-    for given, words in (
+    trainer = make("fast", scenario=HIDING, policies="side", **{"seeker:n_epochs": 7})
+    assert [learner.numbers.n_epochs for learner in trainer.learners] == [3, 7]
+    rollout = trainer.collect()
+    grab = [name for name, _ in trainer.env.action_columns].index("grab")
+    hiding, seeking = (rollout.actions[rollout.learner == number][:, grab] for number in (0, 1))
+    assert hiding.any()
+    assert not seeking.any()  # nothing else is drawn for who lacks the action
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"settings": {"seekr:n_epochs": 4}}, "unknown policy 'seekr'; did you mean seeker"),
+        ({"networks": {"finder": Pooled}}, "networks: unknown policy 'finder'; did you mean hider"),
+        ({"settings": {"seeker:gamma": 0.9}}, "seeker:gamma: all policies share gamma"),
+        ({"settings": SEEKERS, "policies": "shared"}, "of one side need policies of their own: take policies = 'side'"),
+        ({"preset": "fast,seeker:paper", "policies": "shared"}, "of one side need policies of their own: take poli"),
         ({"preset": "fast,seekr:paper"}, "preset: unknown policy 'seekr'; did you mean seeker"),
         ({"preset": "seeker:paper"}, "one for all other sides is needed, too, as in fast,seeker:paper"),
         ({"preset": "fast,seeker:paper,seeker:scaled"}, "seeker cannot have both paper and scaled"),
-        ({"policies": "shared"}, "of one side need policies of their own: take policies = 'side'"),
-    ):
-        with pytest.raises(ValueError, match=words):
-            trained("other", 1, **given)
+    ],
+)
+def test_sides_that_cannot_be_are_refused(given: dict[str, Any], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        Trainer(TrainingConfig(HIDING, **({"preset": "fast", "policies": "side", "worlds": 1, "rollout": 16} | given)))
 
 
 def test_networks_that_are_not_imported_are_named(tmp_path: Path, monkeypatch) -> None:
@@ -306,7 +270,7 @@ def test_callbacks_are_called_as_the_run_goes_on(tmp_path: Path) -> None:
 def test_an_error_in_a_callback_ends_the_run_which_is_saved(moment: str, saved: int, tmp_path: Path) -> None:
     with pytest.raises(RuntimeError, match="stop"):
         train(tmp_path / "parts", 4 * EACH, callbacks=[Watching(moment)], every=EACH)
-    assert [int(path.stem[6:]) // EACH for path in sorted(tmp_path.glob("parts/steps_*.zip"))][-1] == saved
+    assert names(tmp_path / "parts")[-1] == CHECKPOINT.format(saved * EACH)
     train(tmp_path / "parts", 3 * EACH, resume=True)
     train(tmp_path / "whole", 3 * EACH)
     whole, parts = (points(tmp_path / name)["train/loss"] for name in ("whole", "parts"))

@@ -44,6 +44,7 @@ SETTINGS: dict[str, Callable[[], Any]] = {
     "precision": restored(torch.get_float32_matmul_precision, torch.set_float32_matmul_precision, "medium"),
     "deterministic": restored(torch.are_deterministic_algorithms_enabled, torch.use_deterministic_algorithms, True),
     "denormals": restored(lambda: False, torch.set_flush_denormal, True),
+    "threads": restored(torch.get_num_threads, torch.set_num_threads, 3),
     "seed": restored(lambda: 0, torch.manual_seed, 99),
     "numpy's errors": lambda: np.errstate(all="raise"),
     "numpy's printing": lambda: np.printoptions(precision=1, threshold=1, suppress=True, legacy="1.13"),
