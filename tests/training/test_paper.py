@@ -15,7 +15,6 @@ from outlast.training.base.errors import TrainingError
 from outlast.training.base.files import packed
 from outlast.training.research import experiments
 from outlast.training.research.__main__ import main as research
-from outlast.training.research.experiments import PARTS
 
 pytest.importorskip("matplotlib", reason="needs matplotlib: outlast[plot]")
 
@@ -30,7 +29,6 @@ def outlast_paper(*arguments: object) -> int:
 
 
 def test_the_plan_is_of_words_that_train_takes(capsys: pytest.CaptureFixture[str]) -> None:
-    """Every command that it names is one that `outlast train` understands; seeds come one after the other."""
     assert outlast_paper("--plan") == 0
     about, *lines = capsys.readouterr().out.splitlines()
     assert about.startswith(f"{len(lines)} runs, ")
@@ -38,16 +36,11 @@ def test_the_plan_is_of_words_that_train_takes(capsys: pytest.CaptureFixture[str
     assert len({" ".join(words) for words in commands}) == len(lines) == 8 * 3 + 16 * 3 + 25 * 2
     seeds = [options.seed[0] for options in map(parser().parse_args, commands)]
     assert seeds == sorted(seeds)
-
-
-def test_a_part_a_game_and_seeds_are_chosen(capsys: pytest.CaptureFixture[str]) -> None:
     assert outlast_paper("original", "--only", "teams_2", "ffa_2", "--seeds", 2, "--first", 3, "--plan") == 0
-    lines = capsys.readouterr().out.splitlines()[1:]
-    asked = [(name, seed) for seed in (3, 4) for name in ("ffa_2", "teams_2")]
-    for line, (name, seed) in zip(lines, asked, strict=True):
-        assert line.startswith(f"outlast train {name} --preset original ")
-        assert f"--seed {seed} " in line
-        assert ("--worlds 4 " in line) == (name == "teams_2")
+    chosen = [line.partition("  #")[0].split() for line in capsys.readouterr().out.splitlines()[1:]]
+    assert [(words[2], words[words.index("--seed") + 1]) for words in chosen] == [
+        (name, seed) for seed in "34" for name in ("ffa_2", "teams_2")
+    ]
 
 
 @pytest.mark.parametrize(
@@ -77,9 +70,7 @@ def test_the_plan_has_what_is_left(tmp_path: Path, capsys: pytest.CaptureFixture
     assert capsys.readouterr().out == "1 of 1 runs are finished: figures and tables are written again\n"
 
 
-def test_films_need_ffmpeg_before_anything_is_trained(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_films_need_ffmpeg_before_anything_is_trained(tmp_path: Path, monkeypatch, capsys) -> None:
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     assert outlast_paper("original", "--only", "ffa_1", "--out", tmp_path / "out") == 2
     assert "the films need FFmpeg: pip install 'outlast[train,plot,view]'" in capsys.readouterr().err
@@ -88,24 +79,16 @@ def test_films_need_ffmpeg_before_anything_is_trained(
 
 def test_what_emerges_counts_both_roles(tmp_path: Path) -> None:
     """Two teams of two: means over a side's agents, and sums over its side, of both sides; kept, and read again."""
-    roles = [
-        {"kills": 1.0, "damage_dealt": 30.0, "mate_distance": 4.0},
-        {"kills": 0.5, "damage_dealt": 10.0, "mate_distance": 6.0},
-    ]
+    roles = [(1.0, 30.0, 4.0), (0.5, 10.0, 6.0)]
     measured = mended.Measured()
     for name, far in (("teams", 1), ("alone", 0)):
-        own = [
-            {key: {"mean": value * (far if key == "mate_distance" else 1), "error": 0.1} for key, value in role.items()}
-            for role in roles
-        ]
-        others = [
-            {"policies": pair, "figures": [{"wins": {"mean": share, "error": 0.1}} for share in (0.25, 0.75)]}
-            for pair in (["last", "half"], ["scripted", "last"])
-        ]
-        played = {
-            "scenario": {"numbers": {"agents_count": 4}},
-            "pairings": [{"policies": ["last", "last"], "figures": own}, *others],
-        }
+        figures = [{"kills": kills, "damage_dealt": damage, "mate_distance": far * m} for kills, damage, m in roles]
+        own = [{key: {"mean": value, "error": 0.1} for key, value in role.items()} for role in figures]
+        pairings = [{"policies": ["last", "last"], "figures": own}]
+        for pair in (["last", "half"], ["scripted", "last"]):
+            wins = [{"wins": {"mean": share, "error": 0.1}} for share in (0.25, 0.75)]
+            pairings.append({"policies": pair, "figures": wins})
+        played = {"scenario": {"numbers": {"agents_count": 4}}, "pairings": pairings}
         folder = tmp_path / name / mended.FOLDER
         folder.mkdir(parents=True)
         (folder / "evaluation.json").write_text(json.dumps(played))
@@ -139,52 +122,45 @@ def test_what_is_not_measured_is_refused(tmp_path: Path, content: bytes) -> None
     ],
 )
 def test_tables_are_of_all_games_that_are_there(
-    part: str,
-    games: tuple[str, ...],
-    table: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+    part: str, games: tuple[str, str], table: str, tmp_path: Path, monkeypatch: Any, capsys: Any
 ) -> None:
     """Also where one is asked for after the other; films are of that one."""
     filmed = list[str]()
     monkeypatch.setattr(reproduce, "_film", lambda scenario, policy, path: filmed.append(path.name) or path)
-    runs, study = [f"{game}-0" for game in games], tmp_path / part
+    runs, study, words = [f"{game}-0" for game in games], tmp_path / part, (part, "--only", "ffa_2", "--seeds", 1)
     curves, measured = read_curves(RESULTS / part / FILE), mended.read_measured(RESULTS / part / mended.FILE)
     study.mkdir()
     (study / FILE).write_bytes(format_curves({run: curves[run] for run in runs}))
     if part == "mended":
         (study / mended.FILE).write_bytes(mended.format_measured({run: measured[run] for run in runs}))
-    assert outlast_paper(part, "--only", "ffa_2", "--seeds", 1, "--out", tmp_path) == 0
+    assert outlast_paper(*words, "--out", tmp_path) == 0
     found = (study / table).read_text()
     assert all(game.rpartition("-")[0] in found for game in games)
     assert filmed == [f"{games[0]}.webm" if part == "original" else "ffa_2.webm"]
     assert read_curves(study / FILE).keys() == {*runs}
     if part == "mended":  # the other one is not measured for that
         (study / mended.FILE).write_bytes(mended.format_measured({runs[0]: measured[runs[0]]}))
-        assert outlast_paper(part, "--only", "ffa_2", "--seeds", 1, "--out", tmp_path) == 0
+        assert outlast_paper(*words, "--out", tmp_path) == 0
         assert games[1].rpartition("-")[0] not in (study / table).read_text()
         (study / mended.FILE).unlink()  # nor is one that is asked for, if only its curves are there
-        assert outlast_paper(part, "--only", "ffa_2", "--seeds", 1, "--out", tmp_path) == 2
+        assert outlast_paper(*words, "--out", tmp_path) == 2
         assert f"does not have {runs[0]}" in capsys.readouterr().err
+
+
+def is_enough(folder: Path, words: Any, *files: str) -> None:
+    """Check that what is kept is written again when the runs are gone."""
+    before = [(folder / file).read_text() for file in files]
+    shutil.rmtree(folder / "runs")
+    assert outlast_paper(*words) == 0
+    assert not (folder / "runs").exists()
+    assert [(folder / file).read_text() for file in files] == before
 
 
 @pytest.mark.nightly
 def test_mended_games_are_trained_measured_drawn_and_filmed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    small = "--worlds 16 --rollout 1024 --every 8192 --with Behaviour --opponents self,scripted"
     monkeypatch.setattr(experiments, "MENDED_STEPS", 32768)  # so many that episodes of all games end
-    small = (
-        "--worlds",
-        "16",
-        "--rollout",
-        "1024",
-        "--every",
-        "8192",
-        "--with",
-        "Behaviour",
-        "--opponents",
-        "self,scripted",
-    )
-    monkeypatch.setattr(experiments, "POOL", small)
+    monkeypatch.setattr(experiments, "POOL", tuple(small.split()))
     monkeypatch.setattr(mended, "EPISODES", 64)
     words = ("mended", "--only", "ffa_2+bounty", "teams_2+bounty", "--out", tmp_path)
     assert outlast_paper(*words) == 0
@@ -194,25 +170,15 @@ def test_mended_games_are_trained_measured_drawn_and_filmed(tmp_path: Path, monk
     table = (tmp_path / "mended/measured.md").read_text()
     assert table.count("\n") == 4
     assert "| teams_2+bounty | 2 |" in table
-    for name in (
-        "ffa_2+bounty.webm",
-        "ffa_2/curves.png",
-        "teams_2/curves.png",
-        "../policies/ffa_2+bounty/pool-1.safetensors",
-    ):
-        assert (tmp_path / "mended" / name).stat().st_size > 1000
+    policy = "policies/ffa_2+bounty/pool-1.safetensors"
+    for name in ("mended/ffa_2+bounty.webm", "mended/ffa_2/curves.png", "mended/teams_2/curves.png", policy):
+        assert (tmp_path / name).stat().st_size > 1000
     evaluation = tmp_path / "runs/mended/ffa_2+bounty-fast-0/measured/evaluation.json"
-    played: Any = json.loads(evaluation.read_text())
-    assert played["policies"][1]["policy"].endswith("steps_0000016384.zip")
+    assert json.loads(evaluation.read_text())["policies"][1]["policy"].endswith("steps_0000016384.zip")
     before = {path: path.stat().st_mtime_ns for path in (tmp_path / "runs").rglob("*") if path.is_file()}
     assert outlast_paper(*words) == 0
     assert {path: path.stat().st_mtime_ns for path in before} == before  # nothing is trained or measured twice
-    ends = (tmp_path / "mended/ffa_2/ends.csv").read_text()
-    shutil.rmtree(tmp_path / "runs")
-    assert outlast_paper(*words) == 0  # what is kept is enough
-    assert not (tmp_path / "runs").exists()
-    assert (tmp_path / "mended/measured.md").read_text() == table
-    assert (tmp_path / "mended/ffa_2/ends.csv").read_text() == ends
+    is_enough(tmp_path, words, "mended/measured.md", "mended/ffa_2/ends.csv")
 
 
 @pytest.mark.nightly
@@ -229,24 +195,12 @@ def test_the_papers_variants_are_trained_and_compared(tmp_path: Path, monkeypatc
     shutil.rmtree(broken)
     assert outlast_paper(*words) == 0
     names = [f"teams_2-{name}" for name in ("paper", "scaled")]
-    for name in names:
-        for end in (".png", ".webm"):
-            assert (tmp_path / "text" / f"{name}{end}").exists()
+    assert all((tmp_path / "text" / f"{name}{end}").exists() for name in names for end in (".png", ".webm"))
     assert [*read_curves(tmp_path / "text" / FILE)] == [f"{name}-0" for name in names]
     policies = [path.relative_to(tmp_path).as_posix() for path in sorted(tmp_path.rglob("*.safetensors"))]
     assert policies == [f"policies/teams_2/{name}-0.safetensors" for name in ("original", "paper", "scaled")]
     text = (tmp_path / "text/ends.md").read_text()
     assert all(f"`teams_2`, preset `{name}`, seed 0. Unfinished" in text for name in ("paper", "scaled"))
     assert "| preset `original` | preset `paper` | preset `scaled` |" in text.splitlines()[0]
-    shutil.rmtree(tmp_path / "runs")
     monkeypatch.setattr(experiments, "PAPER_STEPS", 4000)  # kept curves end where the last rollout began
-    assert outlast_paper(*words) == 0  # what is kept is enough
-    assert not (tmp_path / "runs").exists()
-    assert (tmp_path / "text/ends.md").read_text() == text
-
-
-def test_parts_are_named_in_help(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit):
-        research(["reproduce", "--help"])
-    text = capsys.readouterr().out
-    assert all(f"  {part} " in text for part in PARTS)
+    is_enough(tmp_path, words, "text/ends.md")
