@@ -14,6 +14,7 @@ from outlast import make_vec
 from outlast.components import Side
 from outlast.distributions import choice, integers
 from outlast.ecs import Clock, Entity
+from outlast.envs.rollout.policies import scripted_policy
 from outlast.training.arena.opponent_pool import PAST_SELVES, Opponent, OpponentPool
 from outlast.training.base.config import TrainingConfig
 from outlast.training.base.errors import TrainingError
@@ -22,6 +23,7 @@ from outlast.training.ppo.rollout import NOBODY
 from outlast.training.ppo.trainer import Trainer
 from outlast.training.runs.resume import capture
 from tests.helpers.execution_modes import short
+from tests.helpers.trainers import weights
 
 WORLDS, STEPS = 12, 60
 SHORT = short("teams_3").replace(ending_limit=25, agents_health=8)  # ends early, both ways
@@ -43,16 +45,11 @@ def pool(weights: dict[str, float], prioritised: bool = False, **figures: tuple[
     return opponents
 
 
-def shares(opponents: OpponentPool) -> dict[str, float]:
-    indices, weights = opponents.chances()
-    return {opponents.all[k].name: weight / weights.sum() for k, weight in zip(indices, weights, strict=True)}
-
-
 def test_those_that_win_are_drawn_more_often_and_the_present_self_as_often() -> None:
     given = pool({"self": 2, "scripted": 1, "random": 1}, True, scripted=(10, 100), random=(99, 100))
-    found = shares(given)
+    indices, weights = given.chances()
+    found = dict(zip([given.all[k].name for k in indices], weights / weights.sum(), strict=True))
     assert found["self"] == pytest.approx(0.5)
-    assert sum(found.values()) == pytest.approx(1)
     one, other = ((1 - wins) ** 2 + 0.02 for wins in (10.5 / 101, 99.5 / 101))
     assert found["scripted"] / found["random"] == pytest.approx(one / other)
 
@@ -80,20 +77,8 @@ def test_past_selves_are_spaced_evenly_and_kept_while_they_play() -> None:
     again = make().opponents
     again.restore(given, trainer.policies, "")
     assert again.report()["games/past"] == 2 * PAST_SELVES
-    for wrong in (-1, 1.5, True, None):
-        with pytest.raises(TrainingError, match="do not fit the run"):
-            again.restore(given | {"dropped": wrong}, trainer.policies, "")
-
-
-def test_a_past_self_stays_as_it_was() -> None:
-    trainer = make()
-    trainer.update(trainer.collect())
-    (number,) = trainer.opponents.past
-    then = [weight.clone() for weight in trainer.opponents.all[number].policies[0].parameters()]
-    trainer.update(trainer.collect())
-    now = list(trainer.opponents.all[number].policies[0].parameters())
-    assert all(torch.equal(one, other) for one, other in zip(then, now, strict=True))
-    assert not torch.equal(now[-1], list(trainer.policies[0].parameters())[-1])
+    with pytest.raises(TrainingError, match="do not fit the run"):
+        again.restore(given | {"dropped": -1}, trainer.policies, "")
 
 
 def test_ratings_follow_the_games() -> None:
@@ -144,40 +129,33 @@ def test_opponents_change_only_where_an_episode_begins_and_sides_are_swapped() -
     assert all(len(each) == 1 for each in drawn.values())
     assert all(own == sum(key) % 2 for key, each in drawn.items() for opponent, own in each)
     assert len(Counter(opponent for each in drawn.values() for opponent, _ in each)) > 2
+    past = trainer.opponents.all[trainer.opponents.past[0]]  # which stays as it was
+    assert not torch.equal(weights(past.policies[0]), weights(trainer.policies[0]))
 
 
 def test_samples_of_opponents_are_not_trained_on() -> None:
-    trainer = make()
-    watched = Watched(trainer)
-    rollout = trainer.collect()
+    """And scripted ones do what the policy of that name does."""
+    trainer, twin = make(), make()
+    watched, script = Watched(trainer), scripted_policy(trainer.env)
+    rollout, other = trainer.collect(), twin.collect()
     sides = trainer.env.worlds[Side].side[0, trainer.env.worlds.span("agent")]
+    (number,) = (k for k, one in trainer.opponents.all.items() if one.name == "scripted")
     for row, learner in zip(watched.rows, rollout.learner.reshape(STEPS, WORLDS, -1), strict=True):
         theirs = (row["opponent"][:, None] > 0) & (row["own"][:, None] != sides)
         assert np.array_equal(learner == NOBODY, theirs)
+        scripted, expected = theirs & (row["opponent"][:, None] == number), script(row["seen"])
+        assert np.array_equal(row["actions"][scripted], expected[scripted])
+        assert not np.array_equal(row["actions"][~scripted], expected[~scripted])
     masked = rollout.learner == NOBODY
     assert 0.1 < masked.mean() < 0.6
-    before = [weight.clone() for weight in trainer.policies[0].parameters()]
-    twin = make()
-    other = twin.collect()
+    before = weights(trainer.policies[0])
     for name in ("advantages", "values", "log_probs"):
         getattr(other, name)[masked] = 1e6  # whatever is there
     trainer.update(rollout)
     twin.update(other)
-    after = [list(each.policies[0].parameters()) for each in (trainer, twin)]
-    assert all(torch.equal(one, two) for one, two in zip(*after, strict=True))
-    assert not all(torch.equal(one, two) for one, two in zip(before, after[0], strict=True))
-
-
-def test_scripted_opponents_do_what_the_policy_does() -> None:
-    from outlast.envs.rollout.policies import scripted_policy
-
-    trainer = make(opponents={"scripted": 1.0})
-    watched, script = Watched(trainer), scripted_policy(trainer.env)
-    rollout = trainer.collect()
-    for row, learner in zip(watched.rows, rollout.learner.reshape(STEPS, WORLDS, -1), strict=True):
-        expected = script(row["seen"])
-        assert np.array_equal(row["actions"][learner == NOBODY], expected[learner == NOBODY])
-        assert not np.array_equal(row["actions"], expected)
+    after = weights(trainer.policies[0])
+    assert torch.equal(after, weights(twin.policies[0]))
+    assert not torch.equal(after, before)
 
 
 @pytest.mark.parametrize("scenario", [SHORT, short("ffa_3").replace(n_agents=4, ending_limit=25, agents_health=8)])
@@ -214,18 +192,18 @@ def test_games_are_those_that_a_plain_loop_counts(scenario: Any) -> None:
     assert [means[f"rollout/reward{k}"] for k in returns] == pytest.approx([np.mean(each) for each in returns.values()])
 
 
-@pytest.mark.parametrize(("policies", "count"), [("shared", 1), ("side", 2), ("agent", 4)])
-def test_every_learner_trains_on_its_own_agents(policies: str, count: int) -> None:
-    trainer = make(policies=policies, opponents={"self": 1.0})
-    assert len(trainer.learners) == count
+@pytest.mark.parametrize(
+    ("policies", "learners"), [("shared", [0, 0, 0, 0]), ("side", [0, 0, 1, 1]), ("agent", [0, 1, 2, 3])]
+)
+def test_every_learner_trains_on_its_own_agents(policies: str, learners: list[int]) -> None:
+    trainer, last = make(policies=policies, opponents={"self": 1.0}), learners[-1]
     rollout = trainer.collect()
-    expected = {"shared": [0, 0, 0, 0], "side": [0, 0, 1, 1], "agent": [0, 1, 2, 3]}[policies]
-    assert np.array_equal(rollout.learner.reshape(STEPS, WORLDS, 4), np.broadcast_to(expected, (STEPS, WORLDS, 4)))
-    rollout.learner[rollout.learner == count - 1] = NOBODY  # so that the last one has nothing to learn
-    before = [torch.nn.utils.parameters_to_vector(each.parameters()).detach().clone() for each in trainer.policies]
+    assert (rollout.learner.reshape(STEPS, WORLDS, 4) == learners).all()
+    rollout.learner[rollout.learner == last] = NOBODY  # so that the last one has nothing to learn
+    before = [weights(policy) for policy in trainer.policies]
     trainer.update(rollout)
-    after = [torch.nn.utils.parameters_to_vector(each.parameters()).detach() for each in trainer.policies]
-    assert [torch.equal(*pair) for pair in zip(before, after, strict=True)] == [False] * (count - 1) + [True]
+    same = [torch.equal(weights(policy), own) for policy, own in zip(trainer.policies, before, strict=True)]
+    assert same == [False] * last + [True]
 
 
 def test_policies_of_sides_play_their_sides_from_a_file(tmp_path: Path) -> None:
@@ -241,36 +219,24 @@ def test_policies_of_sides_play_their_sides_from_a_file(tmp_path: Path) -> None:
 
 
 ALONE = "opponents need a side of their own, but this game has one side"
-VARIES = "policies = 'side': {} varies, and the sides of agents with it"
 
 
 @pytest.mark.parametrize(
     ("given", "message"),
     [
         ({"policies": "each"}, "policies = 'each': allowed are 'shared', 'side', 'agent'"),
-        (
-            {"prioritised": True, "opponents": {"self": 1.0}},
-            "prioritised needs several opponents to choose among: name",
-        ),
+        ({"snapshots": 3}, "snapshots have no effect without past selves"),
         ({"prioritised": True, "opponents": {"self": 1.0, "scripted": 1.0}}, "prioritised needs several opponents"),
         ({"scenario": short("ffa_1").replace(n_agents=1)}, ALONE),
         ({"scenario": short("teams_1").replace(n_teams=1)}, ALONE),
-        ({"policies": "side", "scenario": SHORT.vary(agents_count=integers(2, 4))}, VARIES.format("agents_count")),
-        (
-            {"policies": "side", "scenario": SHORT.vary(teams_sizes=choice((1, 3), (2, 2)))},
-            VARIES.format("teams_sizes"),
-        ),
+        ({"policies": "side", "scenario": SHORT.vary(agents_count=integers(2, 4))}, "agents_count varies, and the"),
+        ({"policies": "side", "scenario": SHORT.vary(teams_sizes=choice((1, 3), (2, 2)))}, "teams_sizes varies"),
     ],
 )
 def test_opponents_and_sides_that_cannot_be_are_refused(given: dict[str, Any], message: str) -> None:
     with pytest.raises(TrainingError, match=message):
         make(**({"opponents": {"scripted": 1.0}} | given))
-
-
-def test_snapshots_need_past_selves_and_who_is_alone_plays_itself() -> None:
-    with pytest.raises(TrainingError, match="snapshots have no effect without past selves"):
-        TrainingConfig(SHORT, snapshots=3, opponents={"scripted": 1.0})
-    make(scenario=short("ffa_1").replace(n_agents=1), opponents={"self": 1.0})
+    make(scenario=short("ffa_1").replace(n_agents=1), opponents={"self": 1.0})  # who is alone plays itself
 
 
 @pytest.mark.parametrize("role", [{"opponents": {"self": 1.0, "{}": 1.0}}, {"warm_start": "{}:100"}], ids=str)
