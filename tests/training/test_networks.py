@@ -97,7 +97,7 @@ def own_part(extractor: Any, observations: Arrays, active: Any) -> Any:
 
 
 def original_extractor(extractor: Any, layout: ObservationLayout, observations: Arrays) -> Any:
-    """Hidden = 1; a padding row of zeros that is visible; float mask added to the logits; mean over all rows."""
+    """Have hidden = 1, a visible padding row of zeros, a float mask added to the logits, and a mean over all rows."""
     rows, visible = embedded(extractor, layout, observations, torch.tanh)
     batch = len(rows)
     rows = torch.cat([rows, torch.zeros(batch, 1, 32)], 1)
@@ -149,7 +149,6 @@ def gradients(policy: Any, outputs: Any) -> dict[str, Any]:
 @pytest.mark.parametrize("chosen", PRESETS)
 @pytest.mark.parametrize("name", ["ffa_2", "teams_3"])
 def test_outputs_and_gradients_are_those_of_the_naive_form(name: str, chosen: str) -> None:
-    """Of agents that see nothing, one entity, some, and all that there are."""
     layout, observations, own = seen(name, chosen)
     policy, inputs = make(chosen, layout, own), packed(chosen, layout, observations)
     actions = torch.stack([torch.randint(0, size, (len(inputs),)) for size in SIZES], 1)
@@ -172,7 +171,6 @@ def assert_same(one: Any, other: Any) -> None:
 
 @pytest.mark.parametrize("leaky", [False, True])
 def test_rows_of_some_agents_and_of_several_batches(leaky: bool) -> None:
-    """Are those that are packed of their observations."""
     layout, observations, _ = seen("teams_3", "original")
     pack = Packer(layout, Form(leaky, False))
     whole = pack(observations)
@@ -187,26 +185,19 @@ def test_rows_of_some_agents_and_of_several_batches(leaky: bool) -> None:
 
 @pytest.mark.parametrize("chosen", PRESETS)
 def test_with_nothing_visible_all_numbers_are_finite(chosen: str) -> None:
+    """In a batch that sees nothing, and in a game with nothing to see."""
     layout, observations, own = seen("ffa_3", chosen)
-    policy, actions = make(chosen, layout, own), torch.zeros(len(observations["own"]), 6, dtype=torch.long)
-    for part in (slice(None, None, 2), slice(None)):  # of half of the batch, then of all of it
-        for kind in layout.kinds:
-            observations[kind.key + MASK][part] = 0
-        found = evaluated(policy, packed(chosen, layout, observations), actions)
+    for kind in layout.kinds:
+        observations[kind.key + MASK][:] = 0
+    bare = ObservationLayout({"own": (8,), "zone": (6,), "others": (0, 8), "others_mask": (0,)})
+    empty = {key: np.ones((5, *shape), np.float32) for key, shape in bare.shapes.items()}
+    for known, given, by in ((layout, observations, own), (bare, empty, scales(bare, {}))):
+        policy, actions = make(chosen, known, by), torch.zeros(len(given["own"]), 6, dtype=torch.long)
+        found = evaluated(policy, packed(chosen, known, given), actions)
         policy.zero_grad()
         sum(each.sum() for each in found).backward()
         assert all(bool(p.grad.isfinite().all()) for p in policy.parameters() if p.grad is not None)
-        torch.testing.assert_close(found, naive_outputs(policy, layout, observations, actions), rtol=1e-6, atol=1e-9)
-
-
-@pytest.mark.parametrize("chosen", PRESETS)
-def test_a_world_with_nothing_to_see_will_do(chosen: str) -> None:
-    layout = ObservationLayout({"own": (8,), "zone": (6,), "others": (0, 8), "others_mask": (0,)})
-    policy = make(chosen, layout, scales(layout, {}))
-    observations = {key: np.ones((5, *shape), np.float32) for key, shape in layout.shapes.items()}
-    actions = torch.zeros(5, 6, dtype=torch.long)
-    found = evaluated(policy, packed(chosen, layout, observations), actions)
-    torch.testing.assert_close(found, naive_outputs(policy, layout, observations, actions), rtol=1e-6, atol=1e-9)
+        torch.testing.assert_close(found, naive_outputs(policy, known, given, actions), rtol=1e-6, atol=1e-9)
 
 
 @pytest.mark.parametrize(("name", "count"), COUNTS.items())
@@ -263,32 +254,17 @@ def test_what_no_extractor_can_be_is_refused() -> None:
         make("original", layout, own)(inputs)
 
 
-@pytest.mark.parametrize("agents", [0, 2, 128], ids=["no agent", "no row", "many"])
-def test_attention_in_compiled_code_is_that_of_pytorch(agents: int, monkeypatch) -> None:
-    """And so are its gradients; `seen` has agents that see nothing, one row and all rows."""
-    layout, observations, own = seen("teams_3", "fast")
-    rows = Packer(layout, Form(False, False))(observations).select(torch.arange(agents) % 128)
-    extractor, found = make("fast", layout, own).float().extractors[0], []
-    inputs = torch.randn(len(rows.entities), 3 * 32, generator=torch.Generator().manual_seed(2))
-    for possible in (attention.possible, lambda *given: False):
-        monkeypatch.setattr(attention, "possible", possible)
-        each = inputs.clone().requires_grad_()
-        mean = extractor._attended(rows, each)
-        (mean * torch.arange(32.0)).sum().backward()
-        found.append((mean.detach(), each.grad))
-    assert agents < 128 or not torch.equal(found[0][1], found[1][1])  # or both would be one form
-    for one, other in zip(*found, strict=True):
-        torch.testing.assert_close(one, other, rtol=1e-5, atol=1e-5)
-
-
 @pytest.mark.parametrize("agents", [0, 2, 130], ids=["no agent", "no row", "many"])
-def test_networks_in_compiled_code_are_those_of_pytorch(agents: int, monkeypatch) -> None:
-    """And so are their gradients, of several blocks of agents."""
+@pytest.mark.parametrize("module", [attention, compiled_networks], ids=["attention", "networks"])
+def test_networks_in_compiled_code_are_those_of_pytorch(module: Any, agents: int, monkeypatch) -> None:
+    """And so are their gradients, of several blocks of agents; or only attention is compiled."""
     layout, observations, own = seen("teams_3", "fast")
     rows = Packer(layout, Form(False, False))(observations).select(torch.arange(agents) % 128)
     policy, found = make("fast", layout, own).float(), []
-    for possible in (compiled_networks.possible, lambda *given: False):
-        monkeypatch.setattr(compiled_networks, "possible", possible)
+    if module is attention:
+        monkeypatch.setattr(compiled_networks, "possible", lambda *given: False)
+    for possible in (module.possible, lambda *given: False):
+        monkeypatch.setattr(module, "possible", possible)
         logs, values, _ = policy(rows)
         loss = (logs.clamp(min=-9) * torch.arange(6.0)[:, None]).sum() + (values * torch.arange(1.0, 1 + agents)).sum()
         slopes = torch.autograd.grad(loss, list(policy.parameters()))
@@ -348,23 +324,21 @@ def test_rows_in_the_frame_of_the_agent_are_those_of_the_naive_form(name: str) -
         env.step(policy(env.observe()))
     seen, layout = env.observe(), layout_of(env)
     found = Packer(layout, Form(False, True))(seen)
-    columns = layout.field_columns()
-    widths = {kind.key: kind.features for kind in layout.kinds}
-    own_fields = env.fields["own"]
+    starts = {key: min(columns.values()) for key, columns in layout.field_columns().items()}
     rows = iter(found.entities.numpy())
+
+    def close(row: Any, key: str, of: Any, me: list[float]) -> None:
+        expected = turned(of, env.fields[key], me, key == "own")
+        np.testing.assert_allclose(row[starts[key] :][: len(expected)], expected, rtol=1e-5, atol=2e-5)
+
     for agent, (w, a) in enumerate(np.ndindex(4, env.num_agents)):
         own = seen["own"][w, a]
-        me = [float(own[own_fields[key].start]) for key in ("x", "y", "vx", "vy", "angle")]
-        for key, width in layout.alone.items():
-            expected = turned(seen[key][w, a].ravel(), env.fields[key], me, key == "own")
-            start = min(columns[key].values())
-            np.testing.assert_allclose(found.own[agent, start : start + width], expected, rtol=1e-5, atol=2e-5)
-        for key, width in widths.items():
-            for k in np.flatnonzero(seen[f"{key}_mask"][w, a]):
-                expected = turned(seen[key][w, a, k], env.fields[key], me, False)
-                start = min(columns[key].values())
-                row = next(rows)[start : start + width]
-                np.testing.assert_allclose(row, expected, rtol=1e-5, atol=2e-5)
+        me = [float(own[env.fields["own"][key].start]) for key in ("x", "y", "vx", "vy", "angle")]
+        for key in layout.alone:
+            close(found.own[agent].numpy(), key, seen[key][w, a].ravel(), me)
+        for kind in layout.kinds:
+            for k in np.flatnonzero(seen[kind.key + MASK][w, a]):
+                close(next(rows), kind.key, seen[kind.key][w, a, k], me)
     assert next(rows, None) is None
 
 
@@ -383,8 +357,6 @@ def test_lists_of_rows_may_have_another_type_and_lie_apart() -> None:
     env = make_vec("teams_3", 64, seed=0, observations="rows")
     lists, _ = env.reset()
     pack = Packer(layout_of(make_vec("teams_3", 1)), Form(False, True))
-    apart = {
-        key: np.repeat(value.astype(np.float64), 2, 1)[:, ::2] if value.ndim == 2 else value
-        for key, value in lists.items()
-    }
-    assert_same(pack(apart), pack(lists))
+    rows = {key: value for key, value in lists.items() if value.ndim == 2}
+    apart = {key: np.repeat(value.astype(np.float64), 2, 1)[:, ::2] for key, value in rows.items()}
+    assert_same(pack(lists | apart), pack(lists))
