@@ -14,8 +14,6 @@ from outlast.ecs import Entity
 from outlast.training.base import hyperparameters
 from outlast.training.base.config import TrainingConfig
 from outlast.training.base.hyperparameters import Hyperparameters
-from outlast.training.base.metrics import means_of_sides
-from outlast.training.base.presets import PRESETS
 from outlast.training.policies.policy import MultiCategorical
 from outlast.training.ppo import learner
 from outlast.training.ppo.learner import Adam, explained_variance
@@ -84,13 +82,7 @@ def advantages(rows: list[Row], divisor: float) -> list[Any]:
     return found
 
 
-@pytest.mark.parametrize(
-    ("preset", "dead", "scaled"),
-    [
-        ("original", "keep", False),
-        ("scaled", "drop", True),
-    ],
-)
+@pytest.mark.parametrize(("preset", "dead", "scaled"), [("original", "keep", False), ("scaled", "drop", True)])
 def test_advantages_are_those_of_a_plain_loop(preset: str, dead: str, scaled: bool) -> None:
     trainer = make(preset, dead=dead, scale_rewards=scaled)
     plain = Plain(trainer, dead)
@@ -100,9 +92,9 @@ def test_advantages_are_those_of_a_plain_loop(preset: str, dead: str, scaled: bo
         worlds = [plain.rollout(w, actions) for w in range(WORLDS)]
         divisor = plain.deviation() if scaled else 1
         for w, rows in enumerate(worlds):
-            mine = slice(w * 4, w * 4 + 4)
-            kept = np.array([row["alive"] for row in rows]) | (dead == "keep")
-            assert np.array_equal(rollout.alive[:, mine], np.array([row["alive"] for row in rows]))
+            mine, alive = slice(w * 4, w * 4 + 4), np.array([row["alive"] for row in rows])
+            kept = alive | (dead == "keep")
+            assert np.array_equal(rollout.alive[:, mine], alive)
             assert np.array_equal(rollout.learner[:, mine], np.where(kept, 0, -1))
             values = np.array([row["values"] for row in rows])
             if trainer.policies[0].apart:
@@ -122,6 +114,7 @@ def test_advantages_are_those_of_a_plain_loop(preset: str, dead: str, scaled: bo
 def test_actions_have_the_probabilities_that_the_rollout_says(preset: str) -> None:
     trainer = make(preset)
     rollout = trainer.collect()
+    assert (rollout.idle is None) == (preset != "fast")  # presets that copy the paper draw all actions
     some = torch.arange(0, rollout.alive.size, 3)
     with torch.no_grad():
         logs, values, _ = trainer.policies[0](rollout.seen[trainer.preset.form].select(some))
@@ -156,7 +149,6 @@ def test_older_sums_count_as_so_many_of_the_newest_at_most(monkeypatch) -> None:
 
 
 def test_rewards_without_a_spread_stay_as_they_are() -> None:
-    """However long: what they are divided by does not become 0."""
     scale, nothing, ends = RewardScale(2, 0.9), np.zeros((4, 2), np.float32), np.ones((4, 2), bool)
     first = scale.update(nothing, ends)
     scale.variance, scale.mean = 1e-300, 0.0
@@ -177,20 +169,7 @@ def test_an_end_by_the_rule_in_the_last_tick_is_not_cut_off() -> None:
     assert (samples.later == 0).all()
 
 
-def test_the_return_of_a_side_is_the_mean_over_its_agents() -> None:
-    values = np.array([[1.0, 3.0, 10.0, 7.0], [2.0, 2.0, 5.0, 0.0]])
-    sides = np.array([[0, 0, 1, -1], [0, 0, 0, -1]])
-    means, there = means_of_sides(values, sides, 3)
-    assert means.tolist() == [[2, 10, 0], [3, 0, 0]]
-    assert there.tolist() == [[True, True, False], [True, False, False]]
-
-
 SIZES = (3, 2, 4)
-
-
-def test_presets_that_copy_the_paper_draw_all_actions() -> None:
-    assert {name for name, preset in PRESETS.items() if preset.masked} == {"fast"}
-    assert make("paper").collect().idle is None
 
 
 @pytest.mark.parametrize("options", [{}, {"memory": 8, "rollout": 6 * 48}, {"opponents": {"self": 1.0, "random": 1.0}}])
@@ -217,7 +196,6 @@ def test_idle_actions_are_noop_as_the_worlds_say(options: dict[str, Any], monkey
 
 
 def test_idle_actions_get_no_gradient() -> None:
-    """Of a loss with all that learners take from logits: those of idle actions get 0."""
     choices, generator = MultiCategorical(SIZES), torch.Generator().manual_seed(0)
     free = torch.rand(40, len(SIZES), generator=generator) < 0.5
     actions = torch.stack([torch.randint(size, (40,), generator=generator) for size in SIZES], 1)
@@ -273,13 +251,13 @@ def test_an_update_is_that_of_stable_baselines(preset: str, options: dict[str, A
 
 def parts_of(trainer: Trainer, monkeypatch) -> list[Any]:
     """The numbers of the samples of each minibatch, as updates go on."""
-    parts: list[Any] = []
-    inner = trainer.learners[0]._differentiate
-    monkeypatch.setattr(
-        trainer.learners[0],
-        "_differentiate",
-        lambda samples, part, shared: (parts.append(part), inner(samples, part, shared))[1],
-    )
+    parts, inner = list[Any](), trainer.learners[0]._differentiate
+
+    def noted(*given: Any) -> Any:
+        parts.append(given[1])
+        return inner(*given)
+
+    monkeypatch.setattr(trainer.learners[0], "_differentiate", noted)
     return parts
 
 
@@ -308,15 +286,12 @@ def test_results_do_not_depend_on_threads(options: dict[str, Any], monkeypatch) 
 def test_an_epoch_takes_every_sample_once(dead: str, monkeypatch) -> None:
     trainer = make(dead=dead, batch_size=100, n_epochs=2, target_kl=0.0)
     rollout, parts = trainer.collect(), parts_of(trainer, monkeypatch)
-    begun: list[int] = []
-    trainer.update(rollout, on_epoch=begun.append)
-    assert begun == [1, 2]
-    count = int(rollout.alive.sum()) if dead == "drop" else rollout.alive.size
+    trainer.update(rollout)
+    expected = np.flatnonzero(rollout.alive | (dead == "keep"))
     first, second = (torch.cat(parts[k : k + len(parts) // 2]).numpy() for k in (0, len(parts) // 2))
     for drawn in (first, second):
-        assert len(drawn) == len(set(drawn)) == count
-        assert dead == "keep" or rollout.alive.ravel()[drawn].all()
-        assert not np.array_equal(drawn, np.sort(drawn))
+        assert np.array_equal(np.sort(drawn), expected)
+        assert not np.array_equal(drawn, expected)
     assert not np.array_equal(first, second)
     assert {len(part) // 10 for part in parts} <= {9, 10, 11}
 
@@ -366,31 +341,17 @@ def test_every_number_that_can_be_set_changes_an_update(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    ("given", "message"),
     [
         ({"device": "abacus"}, "device abacus does not exist here; take cpu"),
         ({"dead": "bury"}, "dead = 'bury': allowed are 'keep', 'drop'"),
         ({"worlds": 8, "rollout": 100}, "100 steps cannot be shared evenly by 8 worlds: .* such as --rollout 96"),
         ({"target_kl": None}, "target_kl = None: a finite number .* is needed"),
-        ({"n_epochs": 2.5}, "n_epochs = 2.5: an integer .* is needed"),
         ({"anneal_lr": 1}, "anneal_lr = 1: True or False is needed"),
         ({"vf_coef": True}, "vf_coef = True: a finite number .* is needed"),
-        ({"gama": 1}, "PPO has no hyperparameter 'gama'; did you mean gamma"),
-    ],
-)
-def test_what_cannot_be_is_refused(options: dict[str, Any], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        make(**options)
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
         ("gamma=2", "gamma = 2.0: must be >= 0 and <= 1"),
         ("clip_range=nan", "clip_range = nan: a finite number .* is needed"),
-        ("target_kl=inf", "target_kl = inf: a finite number .* is needed"),
         ("batch_size=1", "batch_size = 1: must be >= 2"),
-        ("n_epochs=0", "n_epochs = 0: must be >= 1"),
         ("batch_size=64.5", "batch_size = 64.5: an integer .* is needed"),
         ("anneal_lr=perhaps", "anneal_lr = 'perhaps': True or False is needed"),
         ("normalise=1", "PPO has no hyperparameter 'normalise'; known: learning_rate, anneal_lr, batch_size"),
@@ -398,17 +359,16 @@ def test_what_cannot_be_is_refused(options: dict[str, Any], message: str) -> Non
         ("gamma=0.9 gamma=0.99", "gamma is given twice"),
     ],
 )
-def test_numbers_of_ppo_that_cannot_be_are_refused(text: str, message: str) -> None:
+def test_what_cannot_be_is_refused(given: Any, message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        hyperparameters.parse_hyperparameters(text.split())
+        make(**given) if isinstance(given, dict) else hyperparameters.parse_hyperparameters(given.split())
 
 
 def test_numbers_of_ppo() -> None:
-    texts = ["batch_size=1e4", "n_epochs=3"]
-    assert hyperparameters.parse_hyperparameters(texts) == {"batch_size": 10_000, "n_epochs": 3}
+    parsed = hyperparameters.parse_hyperparameters(["batch_size=1e4", "n_epochs=3"])
     config = TrainingConfig(SHORT, steps=1e3, settings={"batch_size": 64.0})  # type: ignore[arg-type]
-    found = config.steps, config.numbers.batch_size
-    assert found == (1000, 64)
+    found = parsed["batch_size"], parsed["n_epochs"], config.steps, config.numbers.batch_size
+    assert found == (10_000, 3, 1000, 64)
     assert {type(number) for number in found} == {int}
     assert hyperparameters.KINDS.keys() == OTHERS.keys()
     assert TrainingConfig(SHORT, "original").numbers == Hyperparameters()
