@@ -1,6 +1,5 @@
 """long-run: checkpoints of a run, measured; and the mechanic that counts whom mates strike."""
 
-import csv
 from pathlib import Path
 from typing import Any
 
@@ -17,15 +16,12 @@ from outlast.training.research.__main__ import main
 from outlast.training.research.long_run import COUNTED, SHARES, chosen
 from outlast.training.research.teamwork import Teamwork
 from tests.conftest import draw_actions, scaled
+from tests.helpers.outputs import rows_of
 
 GAME, WITHIN = "teams_2", 3
 DENSE = outlast.variant(GAME).replace(
     agents_count=6, room_size=7.0, safe_zone_damage=0, melee_reach=3.0, heals_count=6, pickup_reach=1.0
 )
-
-
-def table(path: Path) -> list[dict[str, str]]:
-    return list(csv.DictReader(path.read_text().splitlines()))
 
 
 def test_checkpoints_play_against_each_other_and_against_who_answers_them(
@@ -39,7 +35,7 @@ def test_checkpoints_play_against_each_other_and_against_who_answers_them(
     words = ("--episodes", "2", "--out", str(out))
     assert main(["long-run", GAME, str(run), "--responses", str(other), *words]) == 0
     policies = ["256", "512", "1024", "1280", "scripted"]
-    found, games = table(out / "figures.csv"), table(out / "crossplay.csv")
+    found, games = rows_of(out / "figures.csv"), rows_of(out / "crossplay.csv")
     assert list(dict.fromkeys(row["policy"] for row in found)) == policies
     names = {row["figure"] for row in found}
     assert {"Elo", "wins against scripted", "ticks", "kills", "heals held"} <= names
@@ -47,11 +43,13 @@ def test_checkpoints_play_against_each_other_and_against_who_answers_them(
     wins = {(row["policy"], row["against"]): float(row["wins"]) for row in games}
     assert wins.keys() == {(one, its) for one in policies for its in policies if one != its}
     assert all(wins[its, one] == 1 - wins[one, its] for one, its in wins)
-    responses = [(row["run"], row["against"], row["steps"], row["warm start"]) for row in table(out / "responses.csv")]
+    responses = [
+        (row["run"], row["against"], row["steps"], row["warm start"]) for row in rows_of(out / "responses.csv")
+    ]
     assert responses == [("run", "512", steps, "no") for steps in ("256", "512")]
     assert "1280" in capsys.readouterr().out
     assert main(["long-run", GAME, str(other), *words]) == 0
-    assert table(out / "figures.csv")[: len(found)] == found  # of the run that is not measured again
+    assert rows_of(out / "figures.csv")[: len(found)] == found  # of the run that is not measured again
     assert main(["long-run", GAME, "--responses", str(run)]) == 2
     assert "run was not trained against one checkpoint, but against self:1" in capsys.readouterr().err
     assert main(["long-run", GAME]) == 2

@@ -42,13 +42,6 @@ def test_values_and_intervals_are_those_of_rliable() -> None:
     compared(kept["values"], kept["scores"], 20_000, 0.04)
 
 
-def test_the_interquartile_mean_leaves_out_a_quarter_at_each_end() -> None:
-    assert iqm({"a": [9, 1, 2, 3]}) == 2.5
-    assert iqm({"a": [1, 2, 3, 4, 5, 6, 100]}) == 4  # 1 of 7 at each end, as in scipy.stats.trim_mean
-    assert iqm({"a": [1, 9], "b": [2, 4]}) == 3  # of all runs of all tasks
-    assert iqm({"a": [7]}) == 7
-
-
 def test_every_task_weighs_the_same_whatever_its_runs() -> None:
     uneven = {"a": [1, 3], "b": [2, 2, 8, 8]}
     assert (mean(uneven), median(uneven)) == (3.5, 3.5)
