@@ -81,6 +81,9 @@ def test_steps_one_by_one_are_the_steps_of_a_chunk(chosen: str) -> None:
     assert torch.allclose(logs, torch.cat([found for found, _ in apart], 2), atol=1e-6)
     assert torch.allclose(values, torch.cat([value for _, value in apart]), atol=1e-6)
     assert torch.allclose(last, memory, atol=1e-6)
+    new = torch.ones(AGENTS, dtype=torch.bool)
+    begun, zero = own.logs(seen, start, new), own.logs(seen, torch.zeros_like(start), ~new)
+    assert all(map(torch.equal, begun, zero))
     with pytest.raises(ValueError, match="needs `memory`"):
         own(seen)
 
