@@ -26,7 +26,6 @@ from outlast.ecs import (
     Rows,
     ScheduleError,
     Scratch,
-    Singleton,
     Worlds,
     Write,
     column,
@@ -39,7 +38,7 @@ from outlast.ecs.kernels.machine_code import compile_function
 from outlast.ecs.kernels.random import uniform
 from tests.conftest import COMPILED, digest
 from tests.helpers import toy_game
-from tests.helpers.mechanics import kind, mechanic
+from tests.helpers.mechanics import kind
 from tests.helpers.toy_game import (
     RESET,
     STEP,
@@ -125,21 +124,17 @@ def rest(energy: Add[Energy], rows: Rows[Energy]) -> None:
 
 @compiled_only
 @pytest.mark.skipif(sys.platform != "linux", reason="others compile in one process")
-@pytest.mark.parametrize("cores", [1, 3])
-def test_several_processes_compile_the_same(cold: Path, monkeypatch: pytest.MonkeyPatch, cores: int) -> None:
-    monkeypatch.setattr(cache, "_cores", lambda: cores)
+@pytest.mark.parametrize("killed", [False, True])
+def test_several_processes_compile_the_same(cold: Path, monkeypatch: pytest.MonkeyPatch, killed: bool) -> None:
+    """What a fork did not compile, as where it was killed for want of memory, is compiled here."""
+    monkeypatch.setattr(cache, "_cores", lambda: 3)
     monkeypatch.setattr(cache, "UNITS_PER_PROCESS", 1)
     monkeypatch.setattr(threading, "active_count", lambda: 1)
-    worlds = run(make(), STEP, STEP)
+    if killed:
+        monkeypatch.setattr(cache, "_spread", lambda labels, work, *rest, **options: work(labels[0]))
+    worlds = run(make(Walkers()), STEP, STEP)
     assert len(list(cold.glob("*.unit"))) == len(worlds.units.compiled)
-    assert digest(worlds) == digest(run(make(), STEP, STEP))
-
-
-@compiled_only
-def test_what_a_fork_did_not_compile_is_compiled_here(cold: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As where it was killed for want of memory."""
-    monkeypatch.setattr(cache, "_spread", lambda labels, work, *rest, **options: work(labels[0]))
-    assert len(compiled_by(make())) == len(list(cold.glob("*.unit")))
+    assert digest(worlds) == digest(run(make(Walkers()), STEP, STEP))
 
 
 def test_the_source_of_a_tick() -> None:
@@ -175,17 +170,6 @@ def test_a_kernel_prints(cold: Path, capfd: pytest.CaptureFixture[str]) -> None:
     assert capfd.readouterr().out == "rows: 2\nrows: 2\n"
 
 
-def test_a_component_without_systems_changes_no_other() -> None:
-    """Two games that differ in an idle component only: stored ahead of the others in one, behind them in the other."""
-    places = []
-    for module in ("a", "z"):
-        idle = type("Idle", (Singleton,), {"kept": column("i4", fill=5), "__module__": module})
-        worlds = run(make(*toy_game.GAME, mechanic("Keeper", Toy, singletons=[idle()])), STEP, STEP)
-        assert (worlds[idle].kept == 5).all()
-        places.append([column.tobytes() for column in worlds[Place]])
-    assert places[0] == places[1]
-
-
 def test_a_python_system_splits_the_tick_and_changes_nothing() -> None:
     """Three calls instead of one; the same bits, random draws and scratch memory included."""
     results = []
@@ -209,63 +193,37 @@ def test_a_python_system_splits_the_tick_and_changes_nothing() -> None:
 # ---- names that are nearly the same in the source of a tick
 
 
-@dataclass(frozen=True)
-class Cases(Toy):
-    k: float = number(1.0)
-    K: float = number(100.0)
-
-
-@Cases.system(Phase.FEED)
-def write_both(place: Write[Place], k: float, K: float) -> None:  # noqa: N803
-    place.x[0] = k
-    place.x[1] = K
-
-
-@pytest.mark.parametrize("interpret", [(), ("cases.write_both",)])
-def test_numbers_may_differ_in_case_only(interpret: tuple[str, ...]) -> None:
-    worlds = run(Worlds([Walkers(), Cases()], 1, interpret=interpret), RESET, STEP)
-    assert worlds[Place].x[0, :2].tolist() == [1, 100]
-
-
 HP, Hp, Hp0, Hp_Hp0 = (
     type(name, (Component,), {"v": column("f8", fill=k)}) for k, name in enumerate(("HP", "Hp", "Hp0", "Hp_Hp0"), 1)
 )
-Alike = kind(
-    "Alike", Toy, archetypes=[Archetype("walker", (HP(), Hp(), Hp0())), Archetype("unlike", (Place(), Hp_Hp0()), 3)]
-)
+
+
+@dataclass(frozen=True)
+class Alike(Toy):
+    k: float = number(1000.0)
+    K: float = number(5000.0)
+
+    def archetypes(self) -> Any:
+        return [Archetype("walker", (HP(), Hp(), Hp0())), Archetype("unlike", (Place(), Hp_Hp0()), 3)]
 
 
 @Alike.system(Phase.FEED)
 def read_all(
-    one: Read[HP],
-    two: Read[Hp],
-    three: Read[Hp0],
-    a: Rows[Hp, Hp0],
-    b: Rows[Hp_Hp0],
-    c: Rows[Hp, Hp0],
-    place: Write[Place],
-) -> None:
+    one: Read[HP], two: Read[Hp], three: Read[Hp0], a: Rows[Hp, Hp0], b: Rows[Hp_Hp0], c: Rows[Hp, Hp0],
+    place: Write[Place], k: float, K: float,  # noqa: N803
+) -> None:  # fmt: skip
     e = a[0]
-    place.x[e] = 100 * one.v[e] + 10 * two.v[e] + three.v[e]
-    place.x[e + 1], place.x[e + 2] = 10 * a.size + c.size, b.size
+    place.x[e] = K + 100 * one.v[e] + 10 * two.v[e] + three.v[e]
+    place.x[e + 1], place.x[e + 2] = 10 * a.size + c.size, k + b.size
 
 
-def test_components_may_have_names_alike() -> None:
-    worlds = run(Worlds([Walkers(), Alike()], 1), RESET, STEP)
-    assert worlds[Place].x[0, worlds.span("walker")].tolist() == [123, 33, 3]
+@pytest.mark.parametrize("interpret", [(), ("alike.read_all",)])
+def test_components_and_numbers_may_have_names_alike(interpret: tuple[str, ...]) -> None:
+    worlds = run(Worlds([Walkers(), Alike()], 1, interpret=interpret), RESET, STEP)
+    assert worlds[Place].x[0, worlds.span("walker")].tolist() == [5123, 33, 1003]
 
 
 # ---- machine code on disk
-
-
-@kernel
-def one() -> int:
-    return 1
-
-
-@kernel
-def two() -> int:
-    return 2
 
 
 def adder(amount: Callable[[], int]) -> Module:
@@ -276,27 +234,10 @@ def adder(amount: Callable[[], int]) -> Module:
     return system_of(act)
 
 
-CELL = """
-@Local.system(Phase.FEED)
-def act(energy: Add[Energy], rows: Rows[Energy]) -> None:
-    for e in rows:
-        energy.left[e] += np.int32({gain})
-"""
-
-
-def test_a_cell_that_is_run_again_replaces_its_systems() -> None:
-    """Another function of that name is refused: one of another module, or one that differs in what encloses it."""
-    local = kind("Local", Toy)
-    notebook = globals() | {"Local": local, "__name__": "notebook"}
-    for gain in (1, 2):
-        exec(CELL.format(gain=gain), notebook)
-        worlds = run(make(Walkers(), local()), STEP)
-        assert int(worlds[Energy].left[0, 0]) - 20 == gain
-    exec(CELL.format(gain=3), notebook | {"__name__": "other"})
-    with pytest.raises(ScheduleError, match=r"two systems are called local\.act \(notebook and other\)"):
-        make(Walkers(), local())
-    enclosed = adder(one)
-    type(enclosed).system(Phase.FEED)(adder(two).registered[0].function)
+def test_another_function_of_the_name_is_refused() -> None:
+    """One of the same place that differs in what encloses it, too."""
+    enclosed = adder(kernel(lambda: 1))
+    type(enclosed).system(Phase.FEED)(adder(kernel(lambda: 2)).registered[0].function)
     with pytest.raises(ScheduleError, match=r"two systems are called local\.act"):
         make(Walkers(), enclosed)
 

@@ -1,9 +1,6 @@
-"""Errors of a mechanic that is being written: short, with the place, and soon."""
+"""Errors of a mechanic that is being written: short, and with the place."""
 
-import os
-import subprocess
 import sys
-import textwrap
 from collections.abc import Callable
 from enum import IntEnum
 from pathlib import Path
@@ -73,29 +70,13 @@ def factorial(n: int) -> int:
 @pytest.mark.parametrize(
     ("function", "line", "sentence"),
     [
-        (
-            lines("place.x[0] = np.linalg.norm(place.x)"),
-            2,
-            r"scipy .* \(ImportError\); install scipy, or write it out.*",
-        ),
+        (lines("place.x[0] = np.linalg.norm(place.x)"), 2, r"scipy .* \(ImportError\); install scipy, or write.*"),
         (lines("place.x[0] = np.repeat(place.x, 2)[0]"), 2, r"\(AssertionError\)"),
         (lines("Pair(1, 2).first = 3"), 2, r"No definition for lowering Pair.* \(NotImplementedError\)"),
         (lines("for e in rows:", "    place.x[e] = Gait.SLOW"), 3, "Cannot cast IntEnum.*"),  # of "native lowering"
-        (
-            lines("place.x[0] = np.clip(place.x[0], 0.0, 1.0)"),
-            2,
-            r"No .* clip\(float32, float64, float64\); .* np\.float3.*",
-        ),
-        (
-            lines("place.x[0] = 1 if 0 < (x := place.x[0]) < 3 else x"),
-            1,
-            r"the type of .*; split the line .*\(:=\) goes .*",
-        ),
-        (
-            lines("place.x[0] = max(place.x[0], 3)", rows="max"),
-            2,
-            "something that is .* is called .* hide that of a f.*",
-        ),
+        (lines("place.x[0] = np.clip(place.x[0], 0.0, 1.0)"), 2, r"No .* clip\(float32, float64, float64\); .* np\..*"),
+        (lines("place.x[0] = 1 if 0 < (x := place.x[0]) < 3 else x"), 1, r"the type of .*; split .*\(:=\) goes .*"),
+        (lines("place.x[0] = max(place.x[0], 3)", rows="max"), 2, "something that is .* is called .* hide that of .*"),
         (lines('place.x[0] = len(f"{place.x[0]:.2f}")'), 2, "format spec in f-strings not supported yet"),
         (lines("place.x[0] = factorial(5)"), 1, ".* calls itself: write a loop.*"),
     ],
@@ -131,21 +112,9 @@ def test_memory_that_is_lacking_is_not_an_error_of_the_system() -> None:
 @pytest.mark.parametrize(
     ("line", "error", "words"),
     [
-        (
-            "place.x[0] = place.x[rows[0] + 300]",
-            IndexError,
-            r'; interpret=\("local\.act",\) runs .* the line, the array',
-        ),
-        (
-            "if place.x > 0: place.x[0] = 1",
-            ValueError,
-            r"^(local\.act: )?The truth value of an array with more than one",
-        ),
-        (
-            'if rows[0] == 0: raise ValueError("row", rows[0])',
-            ValueError,
-            r"local\.act \(mine\.py, line 2\): row \.\.\.",
-        ),
+        ("place.x[0] = place.x[rows[0] + 300]", IndexError, r'; interpret=\("local\.act",\) runs .* the line, the'),
+        ("if place.x > 0: place.x[0] = 1", ValueError, r"^(local\.act: )?The truth value of an array with more"),
+        ('if rows[0] == 0: raise ValueError("row", rows[0])', ValueError, r"local\.act \(mine\.py, line 2\): row .*"),
     ],
 )
 @compiled_only
@@ -176,41 +145,3 @@ def test_syntax_that_numba_lacks_is_refused_where_it_would_be_compiled() -> None
     if COMPILED:
         with pytest.raises(DeclarationError, match=r"local\.act .* cannot be compiled: Use of unsupp"):
             run(Worlds([Walkers(), system_of(makes_a_class)], 1), RESET)
-
-
-MECHANIC = """
-    import time
-    from dataclasses import dataclass
-    import numpy as np
-    import outlast
-    from outlast.components import Body, Phase, Side
-    from outlast.ecs import Module, Rows, Write, number
-
-    @dataclass(frozen=True)
-    class Swamp(Module):
-        drag: float = number(0.9)
-
-    @Swamp.system(Phase.DRIVE, after="motors.drive")
-    def wade(body: Write[Body], agents: Rows[Side], drag: float) -> None:
-        for e in agents:
-            body.velocity[e] *= drag
-
-    scenario = outlast.variant("teams_3").with_(Swamp())
-    start = time.process_time()
-    try:
-        outlast.make_vec(scenario, 4, seed=0).reset()
-    except outlast.errors.DeclarationError as error:
-        print(time.process_time() - start)
-        print(error)
-"""
-
-
-def test_a_typo_is_reported_within_a_second(tmp_path: Path) -> None:
-    """From an empty cache, where compiling would take ten seconds and more. Imports are not counted."""
-    file = tmp_path / "mine.py"
-    file.write_text(textwrap.dedent(MECHANIC))
-    variables = os.environ | {"OUTLAST_CACHE_DIR": str(tmp_path / "cache")}
-    output = subprocess.run([sys.executable, file], env=variables, capture_output=True, text=True, check=True).stdout
-    seconds, message = output.splitlines()
-    assert message.startswith("swamp.wade (mine.py, line 16): Body has no column 'velocity'; it has: x, y, ")
-    assert float(seconds) < 1

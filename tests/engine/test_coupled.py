@@ -30,10 +30,8 @@ def turn_all(body: Write[Body], doors: Rows[Door]) -> None:
 def setting(line: str) -> Any:
     """A system that runs a line for doors."""
     table = line.partition(".")[0]
-    source = (
-        f"def act({table}: Write[{table.title()}], doors: Rows[Door]) -> None:\n    for e in doors:\n        {line}\n"
-    )
-    return written(source, globals())
+    head = f"def act({table}: Write[{table.title()}], doors: Rows[Door]) -> None:"
+    return written(f"{head}\n    for e in doors:\n        {line}\n", globals())
 
 
 def played(function: Any, phase: Any, **order: Any) -> Any:
@@ -46,26 +44,19 @@ def played(function: Any, phase: Any, **order: Any) -> Any:
     return env
 
 
+TURN = "body.angle[e] += np.float32(0.1)"
 GROW, LIGHTEN = "shape.half_width[e] += np.float32(0.1)", "solid.density[e] = np.float32(0.5)"
 
 
 @pytest.mark.parametrize(
     ("line", "phase", "words"),
     [
-        (
-            "body.angle[e] += np.float32(0.1)",
-            Phase.MOVE,
-            "Body.angle, but not cosine and sine, .*: turn a body by face",
-        ),
-        ("body.angle[e] += np.float32(0.1)", Phase.SPAWN, "Body.angle, but not cosine and sine"),
+        (TURN, Phase.MOVE, "Body.angle, but not cosine and sine, .*: turn a body by face"),
+        (TURN, Phase.SPAWN, "Body.angle, but not cosine and sine"),
         ("body.sine[e] = -body.sine[e]", Phase.MOVE, "Body.sine, but not angle and cosine"),
         (GROW, Phase.MOVE, "Shape.half_width, but not bound, .* its distance to walls$"),
         (LIGHTEN, Phase.MOVE, "Solid.density, but not mass and inertia, .*: by itself, it changes nothing$"),
-        (
-            "bag.count[e] = 0",
-            Phase.GIVE,
-            "Bag.count, but not items, .*: put items in and take them out by push and pop",
-        ),
+        ("bag.count[e] = 0", Phase.GIVE, "Bag.count, but not items, .*: put items in and take them out by push"),
     ],
 )
 def test_a_column_that_is_written_without_what_must_fit_it_is_refused(line: str, phase: Any, words: str) -> None:

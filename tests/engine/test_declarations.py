@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast.components import Body, DamageType, Guard, Health, Shape, Side, Spawned
+from outlast.components import DamageType, Side
 from outlast.components import Phase as DuelPhase
 from outlast.ecs import (
     Action,
@@ -139,34 +139,33 @@ def test_tables_have_the_declared_shapes_types_and_fills() -> None:
     assert (worlds[Place].trail == -1).all()
     assert worlds[Energy].left.tolist() == [[0, 0, 20, 20, 20]] * 6  # rows of others are zero, not filled
     assert (worlds[Wind].push == 0.5).all()
+    assert [worlds.layout.rows(*kinds).tolist() for kinds in ((Energy,), (Place, Mark))] == [[2, 3, 4], []]
+    assert repr(worlds.layout).splitlines() == [
+        "Layout(5 rows, 9 components, 256 bytes a world)",
+        "  food: rows 0 to 1, not alive at first: Place",
+        "  walker: rows 2 to 4: Place, Energy",
+    ]
+    run(worlds, toy_game.RESET, toy_game.STEP)
+    assert (worlds[Wind].damage_type == worlds.layout.labels["damage_type"].index("cold")).all()
+    assert (worlds[Wind].felt[:, 0, 1] == 1).all()  # a choice is its index
 
 
 def test_columns_are_aligned_and_do_not_overlap() -> None:
-    worlds = Worlds(toy_game.GAME, 2)
-    worlds.block[:] = 0
-    for component in worlds.components:
-        for array in worlds[component]:
-            assert array.ctypes.data % array.dtype.itemsize == 0
-            assert not array.view(array.dtype).any()
-            array.view(array.dtype)[:] = 1
-    for component in worlds.components:
-        for array in worlds[component]:
-            assert (array == 1).all()
-    assert worlds.block.shape[1] % 64 == 0
-
-
-def test_columns_are_the_same_objects_for_life() -> None:
-    """No allocation after build: adapters and learners may keep them."""
-
-    def columns() -> list[tuple[int, int]]:
-        return [(id(a), a.ctypes.data) for c in worlds.components for a in worlds[c]]
-
-    worlds = make(count=3)
-    before = columns()
-    run(worlds, toy_game.STEP, toy_game.STEP, [toy_game.RESET, toy_game.SKIP, toy_game.STEP], toy_game.RESET)
-    worlds.seed(5, np.arange(3))
+    """They stay the same objects for life, which adapters and learners may keep."""
+    worlds = make(count=2)
+    arrays = [array for component in worlds.components for array in worlds[component]]
+    run(worlds, toy_game.STEP, [toy_game.RESET, toy_game.SKIP], toy_game.RESET)
+    worlds.seed(5, np.arange(2))
     worlds.close()
-    assert columns() == before
+    assert all(one is two for one, two in zip(arrays, (a for c in worlds.components for a in worlds[c]), strict=True))
+    for array in arrays:
+        array[:] = 0
+    for array in arrays:
+        assert array.ctypes.data % array.dtype.itemsize == 0
+        assert not array.any()
+        array[:] = 1
+    assert all((array == 1).all() for array in arrays)
+    assert worlds.block.shape[1] % 64 == 0
 
 
 def test_an_absent_component_is_named_with_those_present() -> None:
@@ -221,12 +220,6 @@ def test_the_room_of_events_is_added_to() -> None:
     assert after == before | {"hits": before["hits"] + 5, "capacity of hit": before["capacity of hit"] + 5}
 
 
-def test_what_has_health_can_be_hurt() -> None:
-    """Health requires Guard, whose 0 in rows without it would make all of them immune."""
-    barrel = Archetype("barrel", (Body(), Shape(radius=1.0), Spawned(), Health(points=50)), 12)
-    assert layout(mechanic("Barrels", archetypes=[barrel])).prefab_values(Guard, "immune_to")["barrel"] == -1
-
-
 # ---- numbers
 
 
@@ -255,15 +248,6 @@ def test_what_has_health_can_be_hurt() -> None:
 def test_impossible_numbers_are_refused(make_module: Any, words: str) -> None:
     with pytest.raises(NumberError, match=words):
         make_module()
-
-
-def test_two_numbers_of_one_full_name_do_not_change() -> None:
-    one = numbered("float", number(1.0), name="b_c")
-    two = dataclass(frozen=True)(
-        type("Odd", (Toy,), {"name": "odd_b", "__annotations__": {"c": "float"}, "c": number(1.0)})
-    )
-    with pytest.raises(NumberError, match="two mechanics have the number 'odd_b_c'"):
-        worlds(Walkers(), one, two()).set_numbers(odd_b_c=5.0)
 
 
 def test_another_default_of_an_unknown_number_is_refused() -> None:
@@ -416,13 +400,6 @@ def deep() -> Module:
     return extends()
 
 
-def remembering(memory: Any) -> Module:
-    """With memory that is made so, for worlds that run."""
-    remembers = kind("Odd", Toy, scratch=lambda self, name, dims: memory)
-    remembers.system(Phase.FEED)(taking(memory=Scratch, place=Read[Place]))
-    return remembers()
-
-
 @pytest.mark.parametrize(
     ("make_worlds", "words"),
     [
@@ -504,8 +481,10 @@ def test_declarations_that_do_not_fit_the_game(make_worlds: Callable[[], Any], w
     ("memory", "words"), [(np.zeros((2, 3)).T, "ndarray: an array in order"), ([0, 0], "list: an")]
 )
 def test_scratch_memory_that_no_kernel_takes_is_refused(memory: Any, words: str) -> None:
+    odd = kind("Odd", Toy, scratch=lambda self, name, dims: memory)
+    odd.system(Phase.FEED)(taking(memory=Scratch, place=Read[Place]))
     with pytest.raises(EngineError, match=rf"odd.scratch\('memory'\) returned {words}"):
-        make(Walkers(), remembering(memory))
+        make(Walkers(), odd())
 
 
 def test_events_name_entities_that_there_are() -> None:
@@ -519,29 +498,26 @@ def test_events_name_entities_that_there_are() -> None:
 # ---- registering systems
 
 
-def test_defaults_of_parameters_are_refused() -> None:
-    """The number's own value would count all the same."""
-
-    def rush(energy: Read[Energy], stride: float = 9.0) -> None: ...
-    def sink(energy: Read[Energy] = None) -> None: ...
-
-    for function, words in (
-        (rush, "'stride' has the default 9.0, but every call"),
-        (sink, "'energy' .* leave it out$"),
-    ):
-        with pytest.raises(DeclarationError, match=rf"{function.__name__}: parameter {words}"):
-            Walkers.system(Phase.MOVE)(function)
+def rush(energy: Read[Energy], stride: float = 9.0) -> None: ...
+def sink(energy: Read[Energy] = None) -> None: ...
+async def awaits(energy: Write[Energy], rows: Rows[Energy]) -> None: ...
+def waits(energy: Write[Energy], rows: Rows[Energy]) -> object:
+    yield energy.left[0]
 
 
-def test_functions_that_a_call_does_not_run_are_refused() -> None:
-    def waits(energy: Write[Energy], rows: Rows[Energy]) -> object:
-        yield energy.left[0]
-
-    async def awaits(energy: Write[Energy], rows: Rows[Energy]) -> None: ...
-
-    for function in (waits, awaits):
-        with pytest.raises(DeclarationError, match=r"is a generator or a coroutine: .* write a function without"):
-            Toy.system(Phase.FEED)(function)
+@pytest.mark.parametrize(
+    ("function", "words"),
+    [
+        (rush, "rush: parameter 'stride' has the default 9.0, but every call"),
+        (sink, "sink: parameter 'energy' .* leave it out$"),
+        (awaits, "is a generator or a coroutine: .* write a function without"),
+        (waits, "is a generator or a coroutine"),
+    ],
+)
+def test_functions_that_cannot_be_systems_are_refused(function: Any, words: str) -> None:
+    """With a default, the number's own value would count all the same; and a call runs no generator."""
+    with pytest.raises(DeclarationError, match=words):
+        Walkers.system(Phase.MOVE)(function)
 
 
 def test_a_system_is_of_one_phase_and_of_a_mechanic_of_its_author() -> None:
@@ -573,11 +549,9 @@ def test_two_systems_of_one_name_in_a_file() -> None:
 
 
 def test_the_name_of_a_mechanic_is_its_class_in_snake_case_or_the_attribute_name() -> None:
-    class Named(Toy):
-        name = "other"
-
-    kinds = Walkers, kind("HTTPServerOf2", Toy), Named, kind("Subclass", Named)
-    assert [each.name for each in kinds] == ["walkers", "http_server_of2", "other", "subclass"]
+    named = type("Named", (Toy,), {"name": "other"})
+    kinds = Walkers, kind("HTTPServerOf2", Toy), named, kind("Sub", named)
+    assert [each.name for each in kinds] == ["walkers", "http_server_of2", "other", "sub"]
     for attribute, value in product(("name", "stream"), ("Big Swamp", "", 3)):
         with pytest.raises(DeclarationError, match=f"has the {attribute} {value!r}: it must be lower-case"):
             type("Swamp", (Toy,), {attribute: value})
@@ -644,23 +618,3 @@ def test_a_component_without_columns_marks_entities() -> None:
     for hint in (Read[Late], Write[Late]):
         with pytest.raises(DeclarationError, match=r"Late\], which has no columns; Rows\[Late\] are the entities"):
             marks.system(Phase.MOVE)(taking(late=hint))
-
-
-def test_kernels_get_what_they_declare() -> None:
-    """Rows by components, numbers in their types, damage types in alphabetical order, choices as indices."""
-    worlds = make()
-    assert worlds.layout.rows(Energy).tolist() == [2, 3, 4]
-    assert worlds.layout.rows(Place).tolist() == [0, 1, 2, 3, 4]
-    assert worlds.layout.rows(Place, Mark).tolist() == []
-    assert worlds.layout.labels["damage_type"] == ["cold", "hunger"]
-    run(worlds, toy_game.STEP)
-    assert (worlds[Wind].damage_type == 0).all()
-    assert (worlds[Wind].felt[:, 0, 1] == 1).all()
-
-
-def test_a_layout_shows_a_line_for_each_archetype() -> None:
-    assert repr(worlds(Walkers(), Food(), Weather()).layout).splitlines() == [
-        "Layout(5 rows, 9 components, 256 bytes a world)",
-        "  food: rows 0 to 1, not alive at first: Place",
-        "  walker: rows 2 to 4: Place, Energy",
-    ]

@@ -107,39 +107,32 @@ def test_a_list_holds_what_happened_in_this_tick() -> None:
         assert worlds[Birth].count.sum() == 0
 
 
-def test_lists_are_emptied_when_a_world_goes_on_and_only_then() -> None:
+def test_events_are_rows_of_arrays() -> None:
+    """Lists are emptied when a world goes on, and only then."""
     worlds = walked(belfry(), 2)
     run(worlds, [SKIP, STEP, RESET])
     assert worlds[Ring].count[:, 0].tolist() == [12, 0, 0]
     assert worlds[Birth].count[:, 0].tolist() == [0, 0, 3]
-    assert worlds[Birth].agent[2].tolist() == list(range(worlds.dims["rows"])[worlds.span("walker")])
-
-
-def test_events_are_rows_of_arrays() -> None:
-    worlds = walked(belfry(), 2)
-    run(worlds, [SKIP, STEP, RESET])
     found = worlds.events()
     assert found.keys() == {"ring", "birth"}
-    ring_rows, births = found["ring"], found["birth"]
-    assert ring_rows.dtype.names == ("world", "episode", "tick", "agent", "mark", "where", "marks")
-    assert [ring_rows.dtype[name].str for name in ring_rows.dtype.names[:4]] == ["<i8", "<i8", "<i8", "<i4"]
-    assert ring_rows["where"].shape == (12, 3, 2)
-    assert [(r["agent"], r["where"][0, 0], r["where"][-1, 1]) for r in ring_rows] == expected(worlds, 0, 2)
-    assert {tuple(row) for row in ring_rows[["world", "episode", "tick"]].tolist()} == {(0, 1, 2)}
+    rows, births = found["ring"], found["birth"]
+    assert rows.dtype.names == ("world", "episode", "tick", "agent", "mark", "where", "marks")
+    assert rows["where"].shape == (12, 3, 2)
+    assert [(r["agent"], r["where"][0, 0], r["where"][-1, 1]) for r in rows] == expected(worlds, 0, 2)
+    assert {tuple(row) for row in rows[["world", "episode", "tick"]].tolist()} == {(0, 1, 2)}
     assert births[["world", "episode", "tick"]].tolist() == [(2, 2, 0)] * 3
+    assert births["agent"].tolist() == list(range(worlds.dims["rows"])[worlds.span("walker")])
     run(worlds, STEP)
-    assert len(ring_rows) == 12  # copies
+    assert len(rows) == 12  # copies
     assert len(make().entries(Ring)) == 0  # nobody there rings
 
 
 def test_an_entry_begins_as_zeros() -> None:
-    """Whatever was there before: the systems write one of three marks."""
+    """The systems write one of three marks; what was there before is gone."""
     worlds = walked(belfry(times=1), 4)
-    for event in (Ring, Birth):
-        for values in worlds[event][:-1]:
-            values[:] = 77
-    run(worlds, [STEP, STEP, RESET])
-    assert [worlds[Ring].count[w, 0] for w in (0, 2)] == [6, 0]
+    for values in worlds[Ring][:-1]:
+        values[:] = 77
+    run(worlds, STEP)
     assert worlds[Ring].marks[0, :6].tolist() == [[0, 0, 255]] * 6
 
 
@@ -170,34 +163,31 @@ class Cry(Event, capacity=4):
     agent: Array = column("i4", unit="entity")
 
 
-class Fall(Event, capacity=Place):
-    agent: Array = column("i4", unit="entity")
-
-
 @dataclass(frozen=True)
 class Loud(Toy):
     cries: int = number(4, low=0)
-    falls: int = number(5, low=0)
+    births: int = number(3, low=0)
 
     def singletons(self) -> Iterable[Singleton]:
-        return [Cry(), Fall()]
+        return [Cry(), Birth()]
 
 
 @Loud.system(Phase.FEED)
-def shout(cry: Write[Cry], fall: Write[Fall], cries: int, falls: int) -> None:
+def shout(cry: Write[Cry], birth: Write[Birth], cries: int, births: int) -> None:
     for _ in range(cries):
         cry.agent[emit(cry)] = -1
-    for _ in range(falls):
-        fall.agent[emit(fall)] = -1
+    for _ in range(births):
+        birth.agent[emit(birth)] = -1
 
 
+@pytest.mark.usefixtures("untried")
 def test_a_capacity_is_a_size_a_dimension_or_a_component() -> None:
     worlds = run(make(*GAME, Loud()), STEP)
-    assert [worlds[kind].agent.shape for kind in (Cry, Fall)] == [(4, 4), (4, 5)]  # three walkers, two of food
-    assert [worlds[kind].count.max() for kind in (Cry, Fall)] == [4, 5]
+    assert [worlds[kind].agent.shape for kind in (Cry, Birth)] == [(4, 4), (4, 3)]
+    assert [worlds[kind].count.max() for kind in (Cry, Birth)] == [4, 3]
     for numbers, words in (
         ({"cries": 5}, "class Cry(Event, capacity=9)"),
-        ({"falls": 6}, "one for each entity with Place"),
+        ({"births": 4}, "one for each entity with Energy"),
     ):
         with pytest.raises(CapacityError) as error:  # the other list is full, too, and as it should be
             run(make(*GAME, Loud(**numbers)), STEP)
@@ -222,17 +212,13 @@ def turn(cry: Write[Cry]) -> None:
     ("function", "words"), [(whisper, r"k = emit\(cry\)"), (overhear, r"range\(cry\.count\[0\]\)"), (turn, "")]
 )
 def test_a_system_that_uses_entries_knows_which_there_are(function: Any, words: str) -> None:
-    odd = kind("Odd", Loud, singletons=[Cry(), Fall(), Heard()])
+    odd = kind("Odd", Loud, singletons=[Cry(), Birth(), Heard()])
     odd.system(Phase.MOVE)(function)
     if words:
         with pytest.raises(DeclarationError, match=rf"uses Cry\.agent, but neither emits .* {words}"):
             make(*GAME, odd())
     else:
         assert (run(make(*GAME, odd(cries=2)), STEP)[Cry].agent[:, :2] == -1).all()
-
-
-def test_a_capacity_that_nobody_defines_is_nothing() -> None:
-    assert make(*GAME, mechanic("Bare", Toy, singletons=[Ring()]))[Ring].agent.shape == (4, 0)
 
 
 def declared(capacity: Any = 3, **more: Any) -> type[Event]:
@@ -257,6 +243,16 @@ def test_impossible_events_are_refused(declaration: dict[str, Any], words: str) 
         declared(**declaration)
 
 
+def test_events_are_refused_in_a_game() -> None:
+    """Two of one name, and an Add, which says that the order is free."""
+    other = mechanic("Other", Toy, singletons=[type("Ring", (Event,), {"agent": column("i4")}, capacity=1)()])
+    with pytest.raises(DeclarationError, match=r"test_event_lists\.Ring and .* are both the event 'ring'; rename"):
+        make(*GAME, Bell(), other)
+    with pytest.raises(DeclarationError, match=r"'rings' is Add\[Ring\].*annotate it Write\[Ring\]"):
+        Bell.system(Phase.MOVE)(taking("ring", rings=Add[Ring]))
+    assert make(*GAME, mechanic("Bare", Toy, singletons=[Ring()]))[Ring].agent.shape == (4, 0)  # no capacity is defined
+
+
 def test_names_and_roles_have_defaults() -> None:
     assert (Ring.name, Ring.who, Ring.whom) == ("ring", "agent", "")
     assert declared(whom="agent", who="target").whom == "agent"
@@ -264,15 +260,3 @@ def test_names_and_roles_have_defaults() -> None:
         assert declared(columns={"target": target}).whom == "target"
     for target in (column("i4", unit="side"), column("f4"), column("i4", 2)):  # which are no entities
         assert declared(columns={"target": target}).whom == ""
-
-
-def test_two_events_of_one_name_are_refused() -> None:
-    other = mechanic("Other", Toy, singletons=[type("Ring", (Event,), {"agent": column("i4")}, capacity=1)()])
-    with pytest.raises(DeclarationError, match=r"test_event_lists\.Ring and .* are both the event 'ring'; rename"):
-        make(*GAME, Bell(), other)
-
-
-def test_events_are_written_in_order() -> None:
-    """Add[...] says that the order is free."""
-    with pytest.raises(DeclarationError, match=r"'rings' is Add\[Ring\].*annotate it Write\[Ring\]"):
-        Bell.system(Phase.MOVE)(taking("ring", rings=Add[Ring]))

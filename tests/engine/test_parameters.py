@@ -81,15 +81,10 @@ def _look(k: int) -> Any:
     return look
 
 
-for _k, (_phase, _after) in enumerate(
-    [
-        (Phase.MOVE, ("walkers.walk", "weather.blow")),
-        (Phase.MOVE, "looks.look_0"),
-        (Phase.FEED, "food.eat"),
-        (Phase.SHOW, "walkers.show"),
-    ]
-):
-    Looks.system(_phase, after=_after)(_look(_k))
+Looks.system(Phase.MOVE, after=("walkers.walk", "weather.blow"))(_look(0))
+Looks.system(Phase.MOVE, after="looks.look_0")(_look(1))
+Looks.system(Phase.FEED, after="food.eat")(_look(2))
+Looks.system(Phase.SHOW, after="walkers.show")(_look(3))
 
 
 @Looks.system(Phase.FEED, after="looks.look_2")
@@ -170,18 +165,6 @@ def test_what_a_system_fills_is_cleared_behind_it(options: Any) -> None:
         np.testing.assert_allclose(worlds[Shown].seen, worlds[Shown].there)
 
 
-def test_a_service_may_be_memory_alone() -> None:
-    def note(shown: Write[Shown], memory: Annotated[Sum, Service(memory=make_sum)]) -> None:
-        memory.total[0] = 3
-        shown.seen[0] = memory.total[0]
-
-    Bare = kind("Bare", Toy, singletons=[Shown()])  # noqa: N806
-    Bare.system(Phase.SHOW)(note)
-    assert run(Worlds([*GAME, Bare()], 1), RESET)[Shown].seen[0, 0] == 3
-    with pytest.raises(DeclarationError, match="a Service needs a function, or memory, or both"):
-        Service()
-
-
 def test_a_value_follows_numbers_of_others_that_change_or_vary() -> None:
     def pace(walkers_stride: float, food_count: int) -> Real:
         return np.float32(walkers_stride * food_count)
@@ -228,15 +211,18 @@ def test_a_tick_in_seconds() -> None:
 
 
 def test_what_services_cannot_be_made_of_is_refused() -> None:
-    with pytest.raises(DeclarationError, match="'place' is write, but a service is made of read, "):
-        Service(taking(place=Write[Place]))
-    with pytest.raises(
-        DeclarationError, match=r"parameter 'total' .*; allowed are .*, tuple, Annotated\[\.\.\.\] with "
-    ):
-        system_of(taking(one=Annotated[Real, Service(lambda: np.float32(1))], total=Annotated[Any, 3]))
     bad = Annotated[Any, Service(add_up, lambda dims: make_sum(dims)._replace(places=None))]
-    with pytest.raises(DeclarationError, match=r"add_up: the field 'places' of its memory is NoneType: an array is "):
-        make(*GAME, system_of(taking(total=bad)))
+    for make_it, words in (
+        (lambda: Service(), "a Service needs a function, or memory, or both"),
+        (lambda: Service(taking(place=Write[Place])), "'place' is write, but a service is made of read, "),
+        (lambda: system_of(taking(total=Annotated[Any, 3])), r"'total' .*; allowed are .*, Annotated\[\.\.\.\] with "),
+        (
+            lambda: make(*GAME, system_of(taking(total=bad))),
+            r"add_up: the field 'places' of its memory is NoneType",
+        ),
+    ):
+        with pytest.raises(DeclarationError, match=words):
+            make_it()
 
 
 def test_the_schedule_names_what_services_read() -> None:
@@ -263,26 +249,19 @@ class Seen(Singleton):
 @dataclass(frozen=True)
 class Watch(Toy):
     walkers_stride: float = number(7.0)  # its own, which counts
+    idle: int = number(3)
 
     def singletons(self) -> Iterable[Singleton]:
         return [Seen()]
 
 
 @Watch.system(Phase.SHOW)
-def look(
-    seen: Write[Seen], weather_gusts: tuple[float, ...], weather_sky: int, weather_wild: bool, walkers_stride: float
-) -> None:
-    seen.gust[0] = weather_gusts[weather_gusts.size - 1]
-    seen.sky[0] = weather_sky
-    seen.calm[0] = not weather_wild
-    seen.stride[0] = walkers_stride
+def look(seen: Write[Seen], weather_gusts: tuple[float, ...], weather_sky: int, weather_wild: bool) -> None:
+    seen.gust[0], seen.sky[0], seen.calm[0] = weather_gusts[weather_gusts.size - 1], weather_sky, not weather_wild
 
 
-Peek = kind("Peek", Toy, singletons=[Seen()])
-
-
-@Peek.system(Phase.SHOW)
-def peek(seen: Write[Seen], walkers_stride: float) -> None:
+@Watch.system(Phase.SHOW, after="watch.look")
+def look_again(seen: Write[Seen], walkers_stride: float) -> None:
     seen.stride[0] = walkers_stride
 
 
@@ -292,27 +271,10 @@ def test_numbers_of_others_are_read_by_their_full_names(interpret: tuple[str, ..
     worlds = Worlds([Walkers(), Weather(gusts=(0.5, 0.75), wild=False, sky="black"), Watch()], 2, interpret=interpret)
     seen = run(worlds, RESET)[Seen]
     assert (seen.gust[1, 0], seen.sky[1, 0], seen.calm[1, 0], seen.stride[1, 0]) == (0.75, 2, 1, 7)
-
-
-@dataclass(frozen=True)
-class Idle(Toy):
-    """A mechanic whose number only others read."""
-
-    length: int = number(3)
-
-
-def test_a_number_that_only_others_read_can_change() -> None:
-    sees = kind("Sees", Peek)
-
-    @sees.system(Phase.SHOW, after="sees.peek")
-    def look_on(seen: Write[Seen], idle_length: int) -> None:
-        seen.sky[0] = idle_length
-
-    worlds = run(Worlds([Walkers(), Idle(), sees()], 1), RESET)
-    worlds.set_numbers(idle_length=8)
-    assert run(worlds, STEP)[Seen].sky[0, 0] == 8
+    worlds.set_numbers(weather_sky="blue")
+    assert run(worlds, STEP)[Seen].sky[1, 0] == 0
     with pytest.raises(NumberError, match="no system gets it as a single number"):
-        Worlds([Walkers(), Idle()], 1).set_numbers(idle_length=8)
+        worlds.set_numbers(watch_idle=8)
 
 
 def test_a_number_of_another_that_differs_by_role_is_read_for_each_agent() -> None:
@@ -347,4 +309,4 @@ def test_a_number_of_another_that_differs_by_role_is_read_for_each_agent() -> No
 )
 def test_a_number_that_nothing_has_is_refused_with_those_that_there_are(name: str, hint: Any, words: str) -> None:
     with pytest.raises(DeclarationError, match=words):
-        Worlds([Walkers(), Peek(), system_of(taking(seen=Write[Seen], **{name: hint}), after=Seen)], 1)
+        Worlds([Walkers(), system_of(taking(place=Read[Place], **{name: hint}))], 1)

@@ -1,29 +1,22 @@
 """SIMD: vectors against numpy, bitsets against plain lists, compiled and not."""
 
-import math
 from typing import Any
 
 import numpy as np
 import pytest
 from numba.core.errors import TypingError
 
-from outlast.ecs import Add, Bitset, Entity, Read, RowIndex, Rows, Worlds, kernel
+from outlast.ecs import Entity, Worlds, kernel
 from outlast.ecs.kernels import vectors
 from outlast.ecs.kernels.simd import (
-    BYTES,
-    LARGEST,
-    NO_BYTE,
     SIMD_WIDTH,
     load,
     load_flags,
-    overlap,
     store,
-    store_bytes,
     to_bits,
     trailing_zeros,
 )
 from tests.conftest import COMPILED
-from tests.helpers import toy_game
 from tests.helpers.toy_game import Energy, Food, Place, Walkers, Weather
 
 RNG = np.random.default_rng(0)
@@ -80,27 +73,6 @@ def test_flags_and_the_bits_of_a_mask() -> None:
     assert positions(np.ones(SIMD_WIDTH, np.uint8), 0, out) == SIMD_WIDTH
 
 
-@kernel
-def ranges(values: Any, chosen: int, low: Any, high: Any, first: int, last: int) -> int:
-    store_bytes(low, BYTES, load(values, 0), chosen)
-    return overlap(low, high, BYTES, np.uint8(first), np.uint8(last))
-
-
-@pytest.mark.parametrize("round_", range(20))
-def test_ranges_of_bytes(round_: int) -> None:
-    """Values are rounded down and kept in range; a lane that is left out, and what comes after, overlaps nothing."""
-    values = RNG.uniform(-20, 300, SIMD_WIDTH).astype(np.float32) if round_ % 2 else RNG.permutation(SPECIAL)
-    low, high = np.full(3 * BYTES, NO_BYTE, np.uint8), RNG.integers(0, NO_BYTE, 3 * BYTES).astype(np.uint8)
-    chosen, (first, last) = int(RNG.integers(1 << SIMD_WIDTH)), np.sort(RNG.integers(0, NO_BYTE, 2))
-    found = ranges(values, chosen, low, high, first, last)
-    known = [chosen >> j & 1 == 1 for j in range(SIMD_WIDTH)]
-    want = [min(max(math.floor(v), 0), LARGEST) if v == v and abs(v) < 1e9 else LARGEST * (v > 0) for v in values]
-    assert low[BYTES : BYTES + SIMD_WIDTH].tolist() == [v if k else NO_BYTE for v, k in zip(want, known, strict=True)]
-    assert (np.delete(low, range(BYTES, BYTES + SIMD_WIDTH)) == NO_BYTE).all()
-    overlapping = [low[BYTES + j] <= last and high[BYTES + j] >= first for j in range(BYTES)]
-    assert [bool(int(found) >> j & 1) for j in range(BYTES)] == overlapping
-
-
 def test_bitset_and_row_index_agree_with_rows() -> None:
     """In a scenario of more than sixteen rows, of which some in the middle do not belong."""
     layout = Worlds([Walkers(count=21), Food(count=14), Weather()], 1).layout
@@ -110,31 +82,6 @@ def test_bitset_and_row_index_agree_with_rows() -> None:
         assert [e for e in range(35) if bitset[e // SIMD_WIDTH] >> e % SIMD_WIDTH & 1] == rows.tolist()
         assert index[rows].tolist() == list(range(len(rows)))
         assert (np.delete(index, rows) == -1).all()
-
-
-class Feast(toy_game.Toy):
-    """Every walker gets a thousand, found by a bitset."""
-
-
-@Feast.system(toy_game.Phase.FEED)
-def feed(
-    energy: Add[Energy], entities: Read[Entity], rows: Rows[Energy], eaters: Bitset[Energy], index: RowIndex[Energy]
-) -> None:
-    for b in range(eaters.size):
-        pending = to_bits(load_flags(entities.alive, SIMD_WIDTH * b)) & eaters[b]
-        while pending:
-            e = SIMD_WIDTH * b + trailing_zeros(pending)
-            pending &= pending - 1
-            energy.left[e] += np.int32(1000 * (rows[index[e]] == e))
-
-
-def test_a_system_can_iterate_a_bitset() -> None:
-    game = (Walkers(count=21), Food(count=14), Weather())
-    plain = toy_game.run(toy_game.make(*game), toy_game.STEP)
-    fed = toy_game.run(toy_game.make(*game, Feast()), toy_game.STEP)
-    gained = fed[Energy].left - plain[Energy].left
-    assert (gained[:, fed.span("walker")] == 1000).all()
-    assert (gained[:, fed.span("food")] == 0).all()
 
 
 @pytest.mark.skipif(not COMPILED, reason="plain Python raises a ValueError of numpy's")

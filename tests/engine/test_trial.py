@@ -111,12 +111,6 @@ def apply(fill: Any, e: int, tables: Any) -> None:
 
 
 @kernel
-def moves(e: int, tables: Any) -> None:
-    energy, place = tables
-    place.x[e] = energy.right[e]
-
-
-@kernel
 def resets(e: int, tables: Any) -> None:
     tables[0].left[e] = tables[1]
 
@@ -138,8 +132,8 @@ def sets(energy: Any, e: int) -> None:
 
 
 @kernel
-def set_one(numbers: Any, e: int) -> None:
-    numbers[e] = 1
+def set_one(numbers: Any, e: int, value: Any = 1) -> None:
+    numbers[e] = value
 
 
 @kernel
@@ -191,7 +185,6 @@ SLIPS: list[tuple[str, str, str]] = [  # parameters, body, and a part of the mes
     # names
     ("place energy= rows", "energy.left[e] = place.tral[e, 0]", "Place has no column 'tral'; it has: x, trail; d"),
     ("place energy= rows", "hurt(energy, place, place, e, 1, 0, 1, 0, -1)", "has no column 'immune_to'; it has: x, t"),
-    ("place energy= rows", "apply(moves, e, (energy, place))", "Energy has no column 'right'; it has: left"),
     ("place energy= rows", "there = place\nenergy.left[rows[0]] = there.y[0]", "Place has no column 'y'"),
     ("energy= rows", "energy.left[e] = rowss.size", "name 'rowss' is not defined; did you mean rows"),
     ("energy=", "energy.left[0] = misspelt(0)", "name 'amonut' is not defined"),
@@ -282,6 +275,12 @@ FOUND_BY_THE_COMPILER: list[tuple[str, str, str]] = [  # likewise, of branches t
     ("place", "x = place.x\nif hidden: x[0] += 1", NO_ARRAY),
     ("place", "if hidden: set_one(place.x, 0)", NO_ARRAY),
     ("place", "if hidden: slow_down(place, 0, 0.5)", NO_ARRAY),
+    *(("stone=", f"if hidden: {line}", "writes a float to") for line in (
+        "stone.whole[0] = abs(stone.amount[0])", "stone.whole[0] = max(stone.amount[0], 1)",
+        "stone.whole[0] = stone.amount[0] if hidden else 0", "stone.whole[0] = stone.amount.sum()",
+        "stone.whole[0] += abs(stone.amount[0])", "part = stone.whole[1:]; part[0] = abs(stone.amount[0])",
+        "stone.small[:] = np.abs(stone.amount)", "set_one(stone.whole, 0, abs(stone.amount[0]))",
+    )),
     ("energy= rows", "for e in rows:\n    while 1:\n        e += 1\n        for k in rows: break", "does a loop in it"),
 ]  # fmt: skip
 
@@ -302,6 +301,7 @@ CORRECT = [
      "mark.stone[stones[e]] = np.int32(place.x[e])"),
     ("mark= shares", "for i, share in enumerate(shares): mark.stone[i] = int(share)"),
     ("mark= all", "for i in range(all.size):\n    if i < mark.walker.size: mark.walker[i] = 1"),
+    ("stone=", "if hidden: stone.whole[0] = np.int32(stone.amount.sum()); stone.small[0] = True; stone.amount[0] = 2"),
     ("stone=", "stone.whole[0] = math.floor(stone.amount[0])\nstone.whole[1] = not stone.amount[0]\n"
      "stone.small[:] = 3\nstone.amount[:] = 2\nstone.small[0] = stone.amount[0] in (0.0, 1.0)"),
     ("stone= key rows", "index = 0\nfor e in rows:\n    stone.amount[0] = uniform(key, 2 * e)\n"

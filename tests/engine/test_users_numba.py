@@ -34,6 +34,24 @@ worlds = run(make(Walkers(), system_of(act)), STEP)
 print(worlds[Energy].left[0, 2], worlds.units.compiled, {python}, sep="|")
 """
 
+BEFORE = """
+def theirs():
+    @numba.njit
+    def f(x):
+        values = [x, 1.0]
+        values.append(np.sort(np.array([3.0, x]))[0])
+        return np.zeros(2).sum() + sum(values) + len(str(int(x)))
+    @numba.njit(parallel=True)
+    def g(x):
+        total = 0.0
+        for i in numba.prange(x.size):
+            total += x[i]
+        return total
+    h = numba.vectorize(["float64(float64)"])(lambda x: 2 * x)
+    c = numba.cfunc("float64(float64)")(lambda x: x / 2)
+    return f(2.0), g(np.ones(9)), float(h(np.ones(1))[0]), c.ctypes(3.0)
+first = [*theirs()]
+"""
 KERNELS = {  # definitions, what the system computes for row 2, its value, and what Python computes afterwards
     "an array": ("", "np.zeros(3, np.int32)[e] + np.arange(5).sum()", 10, "0"),
     "a list that is sorted": ("", "sorted([7, e, 5])[0]", 2, "0"),
@@ -50,9 +68,15 @@ KERNELS = {  # definitions, what the system computes for row 2, its value, and w
     "a function with numba's cache": (
         "from theirs import middle", "middle(e)", 3, "[middle(2), numba.njit(lambda n: middle(n) + 1)(2)]",
     ),
+    "functions that the user compiles before and after": (
+        BEFORE, "np.int32(np.sort(np.array([5.0, e]))[0])", 2, "[*theirs()] == first == [6, 9, 2, 1.5]",
+    ),
     "a large array": ("TABLE = np.arange(300_000)", "TABLE[-1 - e]", 299_997, "0"),
 }  # fmt: skip
-PYTHON = {"a function that Python calls, too": "[1.5, 2.5]", "a function with numba's cache": "[3, 4]"}
+PYTHON = {  # else 0
+    "a function that Python calls, too": "[1.5, 2.5]", "a function with numba's cache": "[3, 4]",
+    "functions that the user compiles before and after": "True",
+}  # fmt: skip
 THEIRS = """
 import numba
 import numpy as np
@@ -83,37 +107,3 @@ def test_kernels_use_numba(tmp_path: Path, kind: str) -> None:
     kept = len([*(tmp_path / "cache").glob(f"local.act-*{SUFFIX}")])
     assert kept == (kind != "a large array")  # whose address is that of this process
     assert ("local.act" in second[1]) == (not kept)
-
-
-@pytest.mark.nightly
-def test_the_engine_does_not_disturb_other_functions(tmp_path: Path) -> None:
-    """Functions that the user compiles before and after, of numpy's and numba's parts that kernels use, too."""
-    before = """
-def theirs():
-    @numba.njit
-    def f(x):
-        values = [x, 1.0]
-        values.append(np.sort(np.array([3.0, x]))[0])
-        return np.zeros(2).sum() + sum(values) + len(str(int(x)))
-    @numba.njit(parallel=True)
-    def g(x):
-        total = 0.0
-        for i in numba.prange(x.size):
-            total += x[i]
-        return total
-    h = numba.vectorize(["float64(float64)"])(lambda x: 2 * x)
-    c = numba.cfunc("float64(float64)")(lambda x: x / 2)
-    return f(2.0), g(np.ones(9)), float(h(np.ones(1))[0]), c.ctypes(3.0)
-first = theirs()
-"""
-    script = GAME.format(
-        folder=str(tmp_path),
-        root=str(ROOT),
-        helper=before,
-        expression="np.int32(np.sort(np.array([5.0, e]))[0])",
-        python="first == theirs(), first",
-    )
-    for _ in range(2):
-        value, _, same, found = in_process(script, tmp_path)
-        assert (value, same) == ("2", "True")
-        assert found == "(6.0, 9.0, 2.0, 1.5)"

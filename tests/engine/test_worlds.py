@@ -1,7 +1,6 @@
 """Running worlds: each gets what it would have alone, and errors and Ctrl-C leave no thread at work."""
 
 import copy
-import ctypes
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,6 @@ from outlast.ecs import (
     Write,
     column,
 )
-from outlast.ecs.compilation.arguments import COUNT, LINES
 from outlast.ecs.kernels.random import uniform
 from outlast.ecs.memory.column_places import ALIGN
 from tests.conftest import COMPILED, digest, draw_actions, scaled
@@ -58,9 +56,9 @@ def test_an_entity_can_be_looked_at() -> None:
     worlds = make(count=2)
     entity = worlds.entity(4, world=1)
     worlds[Place].x[1, 4], worlds[Place].trail[1, 4, 0] = 1.5, 7
-    lines = [line.split() for line in repr(entity).splitlines()]
-    assert lines[0] == ["entity", "4", "of", "world", "1", "(walker", "2),", "alive"]
-    assert lines[3:] == [["Place", "x", "1.5"], ["trail", "[", "7,", "-1,", "-1]"], ["Energy", "left", "20"]]
+    lines = [" ".join(line.split()) for line in repr(entity).splitlines()]
+    assert lines[0] == "entity 4 of world 1 (walker 2), alive"
+    assert lines[3:] == ["Place x 1.5", "trail [ 7, -1, -1]", "Energy left 20"]
     assert (entity.archetype, entity.index, entity.Energy.left, entity[Place].x) == ("walker", 2, 20, 1.5)
     assert repr(copy.deepcopy(entity)) == repr(copy.copy(entity)) == repr(entity)
     worlds[Entity].alive[1, 4] = 0
@@ -148,26 +146,17 @@ def test_each_system_and_each_entity_has_draws_of_its_own() -> None:
 
 
 def test_a_subclass_draws_what_its_base_draws() -> None:
-    """Under its own name, and also where it replaces the system that draws."""
-    drop = drawing("drop")
+    """Under its own name, also where it replaces the system that draws; `stream` comes before that of its base."""
+    drop, renamed = drawing("drop"), drawing("death_drop", stream="drop")
     replaced = drawing("late_drop", type(drop))
     type(replaced).system(Phase.BEGIN)(draw)
-    expected = make(Walkers(), drop)[Wind].push
+    expected, own = make(Walkers(), drop)[Wind].push, make(Walkers(), drawing("own"))[Wind].push
     mixed = type("Mixed", (type("Mixin", (), {}), type(drop)), {})()
-    for other in (drawing("death_drop", type(drop)), drawing("later", type(replaced)), replaced, mixed):
+    for other in (drawing("later", type(replaced)), replaced, mixed, renamed, drawing("below", type(renamed))):
         worlds = make(Walkers(), other)
         assert worlds.schedule.systems[0].module == other.name
         assert np.array_equal(worlds[Wind].push, expected)
-
-
-def test_a_mechanic_of_another_name_may_keep_its_stream() -> None:
-    """Renamed, it plays the same games; `stream` of a subclass comes before that of its base."""
-    expected = make(Walkers(), drawing("drop"))[Wind].push
-    renamed = drawing("death_drop", stream="drop")
-    apart = drawing("own", type(renamed), stream="own")
-    assert np.array_equal(make(Walkers(), renamed)[Wind].push, expected)
-    assert np.array_equal(make(Walkers(), drawing("subclass", type(renamed)))[Wind].push, expected)
-    assert np.array_equal(make(Walkers(), apart)[Wind].push, make(Walkers(), drawing("own"))[Wind].push)
+    assert np.array_equal(make(Walkers(), drawing("apart", type(renamed), stream="own"))[Wind].push, own)
 
 
 def test_two_systems_that_would_draw_the_same_are_refused() -> None:
@@ -176,37 +165,30 @@ def test_two_systems_that_would_draw_the_same_are_refused() -> None:
         Worlds([Walkers(), drawing("drop"), drawing("death_drop", stream="drop")], 1)
 
 
-def test_leaving_a_module_out_moves_no_draw_of_another() -> None:
+def test_other_modules_and_more_entities_move_no_draw() -> None:
     """Common random numbers between ablations, though rows move."""
     full, rest, most = make(count=6), make(Walkers(), count=6), make(Walkers(), Weather(wild=False), count=6)
+    many = make(Walkers(5), Food(9), count=6)
     assert np.array_equal(walkers(full), walkers(rest))
+    assert np.array_equal(walkers(full), walkers(many)[:, :3])
+    assert np.array_equal(full[Place].x[:, full.span("food")], many[Place].x[:, many.span("food")][:, :2])
     run(full, STEP)
     run(most, STEP)
     assert full.span("walker") != most.span("walker")
     assert np.array_equal(full[Wind].push, most[Wind].push)
 
 
-def test_more_entities_move_no_draw_of_those_before() -> None:
-    few, many = make(Walkers(3), Food(2)), make(Walkers(5), Food(9))
-    assert np.array_equal(walkers(few), walkers(many)[:, :3])
-    assert np.array_equal(few[Place].x[:, few.span("food")], many[Place].x[:, many.span("food")][:, :2])
-
-
 # ---- threads
 
 
-@pytest.mark.parametrize("threads", [2, 3, 5])
-def test_threads_give_the_same_bits(threads: int) -> None:
-    worlds = make(count=MANY, threads=threads)
+@pytest.mark.parametrize("options", [{"threads": 2}, {"threads": 5}, {"specialize": True}])
+def test_threads_and_machine_code_of_its_own_give_the_same_bits(options: Any) -> None:
+    worlds = make(count=MANY, **options)
     assert digest(walked(worlds, 20)) == digest(walked(make(count=MANY), 20))
     worlds.close()
     worlds.close()
     assert digest(run(worlds, STEP)) != ""  # after close the threads come back when needed
     worlds.close()
-
-
-def test_machine_code_for_one_layout_gives_the_same_bits() -> None:
-    assert digest(walked(make(specialize=True), 20)) == digest(walked(make(), 20))
 
 
 @threaded
@@ -242,19 +224,3 @@ def test_lines_that_steps_write_are_fetched_ahead(name: str) -> None:
     assert written <= {*lines.tolist()}
     assert len(lines) < worlds.layout.world_bytes // ALIGN
     env.close()
-
-
-@pytest.mark.skipif(not COMPILED, reason="only machine code fetches")
-def test_units_together_fetch_every_line_once_and_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    expected = digest(walked(make(count=100), 10))
-    monkeypatch.setattr("outlast.ecs.running.execution.CACHED", 0)
-    worlds = walked(make(count=100), 10)
-    assert digest(worlds) == expected
-    found = [int64_at(*block.slots[[LINES, COUNT]].tolist()) for block in worlds.load()[0].blocks]
-    assert sorted(np.concatenate(found).tolist()) == worlds.layout.touched_lines(worlds.schedule.touched).tolist()
-
-
-def int64_at(address: int, count: int) -> Any:
-    """So many numbers in memory."""
-    kind = ctypes.c_int64 * count
-    return np.array(kind.from_address(address) if count else kind(), np.int64)
