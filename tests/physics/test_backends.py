@@ -74,6 +74,7 @@ def test_every_offset_that_is_a_little_off_is_found() -> None:
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.by_day(9)
 @pytest.mark.parametrize("first", [name for name in OFFSETS if name.startswith("SOLVER_")])
 @pytest.mark.parametrize("second", [name for name in OFFSETS if name.startswith("SOLVER_")])
 def test_pointers_that_changed_places_are_found(first: str, second: str) -> None:
