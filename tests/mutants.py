@@ -101,8 +101,7 @@ FIRST = {
     "transfer": "fidelity",
 }
 NUMBERS = "numbers scenario"  # where a number of a module is declared
-LEFT_OUT_TESTS = (  # three slow ones
-    "ablations.py::test_scripted_agents_can_steer",
+LEFT_OUT_TESTS = (  # slow ones
     "fidelity_rules.py::test_the_longest_life_without_heals",
     "scenario.py::test_what_is_left_runs",
 )

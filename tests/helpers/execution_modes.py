@@ -17,7 +17,7 @@ from outlast.ecs.kernels.jit import interpreted
 from outlast.ecs.memory.tables import Tables
 from outlast.envs.errors import FaultError
 from outlast.systems import Maze
-from tests.conftest import digest, few_by_day, scaled
+from tests.conftest import digest, draw_actions, few_by_day, scaled
 from tests.digests import SEED, numbered_actions
 
 BATCH = scaled(1024, least=14)
@@ -235,3 +235,16 @@ def assert_stand_ins_change_nothing(scenario: Scenario, ticks: int) -> None:
     """And nothing is refused."""
     portable = scenario.replace(physics_backend="portable")
     assert python_digests(portable, ticks, stand_ins=True) == python_digests(portable, ticks, stand_ins=False)
+
+
+def assert_played_alike(one: Scenario, other: Scenario, steps: int, worlds: int = 8) -> tuple[Any, Any]:
+    """Check that by the same random actions observations, rewards and ends are equal; returns the environments."""
+    envs, rng = [make_vec(scenario, worlds, seed=1) for scenario in (one, other)], np.random.default_rng(2)
+    seen = [env.reset()[0] for env in envs]
+    for _ in range(steps):
+        assert equal(*seen)
+        actions = draw_actions(envs[0], rng)
+        (mine, *ends, _), (its, *others, _) = (env.step(actions) for env in envs)
+        assert all(map(np.array_equal, ends, others))
+        seen = [mine, its]
+    return envs[0], envs[1]

@@ -77,7 +77,7 @@ KINDS: dict[str, tuple[Any, ...]] = {  # a variant, numbers, and further mechani
 }
 SIDED = RUNS | {"agents_count": 6, "teams_count": 3, "teams_sizes": (1, 2, 3), "boxes_dynamic": True}
 KINDS["teams with roles"] = ("teams_4", SIDED)
-DAILY = ("ffa as written", "teams with roles")
+DAILY = ("teams among walls", "teams with roles")
 ROLES = {  # by kind of world
     "teams with roles": {
         "hunter": outlast.role(

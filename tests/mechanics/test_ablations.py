@@ -9,22 +9,8 @@ import outlast
 from outlast import ABLATIONS, make_vec, variant
 from outlast.components import Body
 from outlast.ecs import NumberError
-from outlast.envs.cli.main import main
-from outlast.envs.rollout.policies import scripted_policy
 from outlast.errors import ScenarioError
-from outlast.systems import Motors, Steering
-from tests.conftest import COMPILED
 from tests.helpers.scenario_builder import ScenarioBuilder
-
-UNTOUCHED = {"mortality_limit": 0, "rewards_basis": "side", "rewards_outlive": 0.0}  # as the paper has it
-
-
-@pytest.mark.parametrize("name", outlast.VARIANTS)
-def test_the_variants_have_the_flaws(name: str) -> None:
-    scenario = variant(name)
-    assert {key: scenario.numbers()[key] for key in UNTOUCHED} == UNTOUCHED
-    assert Motors in scenario
-    assert Steering not in scenario
 
 
 def test_every_flaw_of_the_paper_has_an_ablation() -> None:
@@ -55,12 +41,6 @@ def test_names_are_put_together_in_any_order() -> None:
 def test_names_that_mean_nothing_are_refused(name: str, reason: str) -> None:
     with pytest.raises(ScenarioError, match=reason):
         variant(name)
-
-
-def test_the_command_line_lists_them(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["variants"]) == 0
-    printed = capsys.readouterr().out
-    assert all(f"+{name} " in printed for name in ABLATIONS)
 
 
 def health(name: str) -> list[float]:
@@ -143,20 +123,3 @@ def test_velocity_follows_the_action_at_once(steered: outlast.envs.core.vector_e
     want = 5 * (ahead + 1j * left) * frame * left_over
     np.testing.assert_allclose(body.vx[:, n] + 1j * body.vy[:, n], want, atol=1e-5)
     np.testing.assert_allclose(body.omega[:, n], math.pi * turn * left_over, atol=1e-5)
-
-
-@pytest.mark.skipif(not COMPILED, reason="needs 100,000 world-steps")
-def test_scripted_agents_can_steer(steered: outlast.envs.core.vector_env.SurvivalVectorEnv) -> None:
-    """They live longer than idle ones, which are in the first zone or not, and die with it."""
-    ends = {}
-    for name, act in {
-        "scripted": scripted_policy(steered),
-        "idle": lambda _: np.full((32, 2, 6), [3, 3, 3, 0, 0, 0]),
-    }.items():
-        observations, _ = steered.reset(seed=1)
-        lengths: list[float] = []
-        for _ in range(1600):
-            observations, _, _, _, info = steered.step(act(observations))
-            lengths += info["statistics"]["length"][info["_statistics"]].tolist() if "statistics" in info else []
-        ends[name] = np.mean(lengths) if lengths else 1600
-    assert ends["scripted"] > 1.3 * ends["idle"]

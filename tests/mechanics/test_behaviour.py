@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,15 +9,14 @@ import pytest
 
 import outlast
 from outlast import Scenario, make_vec, variant
-from outlast.components import Bag, Body, Box, BoxItem, Health, Item, Phase, Shape, Side, Track, Zone
-from outlast.components.inventory import push
+from outlast.components import Body, Health, Shape, Zone
 from outlast.distributions import integers, uniform
-from outlast.ecs import DeclarationError, Entity, Module, NumberError, Read, Rows
+from outlast.ecs import Entity
 from outlast.envs.core.agents import alive, side
-from outlast.envs.core.spaces import statistics
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.systems import Behaviour, Preparation, Respawn, Rooms
 from tests.conftest import COMPILED, draw_actions, few_by_day, scaled
+from tests.helpers.execution_modes import assert_played_alike
 from tests.helpers.naive_geometry import NO_HIT, ray_box
 
 WORLDS, LIMIT = scaled(60, least=3), scaled(140, least=25)
@@ -215,121 +213,6 @@ def test_statistics_are_those_of_the_naive_form(name: str) -> None:
     assert zero == ZERO.get(name, set()) if COMPILED else zero >= ZERO.get(name, set())  # short ones have little
 
 
-IDLE, AHEAD, STRIKE, USE, GIVE = (
-    [1, 1, 1, 0, 0, 0],
-    [2, 1, 1, 0, 0, 0],
-    *([1, 1, 1, *row] for row in np.eye(3, dtype=int)),
-)
-FAR = variant("teams_4").replace(n_agents=4, room_size=40.0, safe_zone_centres="middle", cameras_fov=1.0)
-
-
-def placed(*places: tuple[float, float], scenario: Scenario = FAR, **numbers: Any) -> SurvivalVectorEnv:
-    """One world in which these are the places of the agents, who look along +x; boxes and heals are far away."""
-    env = make(scenario.replace(**numbers), 1)
-    env.reset()
-    entities = env.worlds[Entity]
-    entities.alive[0, env.worlds.span("box")] = entities.alive[0, env.worlds.span("heal")] = 0
-    for agent, (x, y) in enumerate(places):
-        env.place("agent", agent, x=x, y=y, angle=0)
-    env.worlds[Track].x[0], env.worlds[Track].y[0] = np.transpose(places)
-    return env
-
-
-def step(env: SurvivalVectorEnv, first: list[int], *others: list[int]) -> dict[str, Any]:
-    """A tick in which the first agents do this, and the others nothing. Returns the statistics of each agent."""
-    actions = [first, *others, *[IDLE] * (env.num_agents - 1 - len(others))]
-    env.step(np.array([actions]))
-    found = statistics(env.worlds, np.ones(1, bool))
-    return {key: found[key][0].tolist() for key in KEYS}
-
-
-def carry(env: SurvivalVectorEnv, agent: int, row: int) -> None:
-    """Put an item into an agent's bag."""
-    tables = ({name: column[0] for name, column in env.worlds[kind]._asdict().items()} for kind in (Bag, Item))
-    bag, item = (kind.Table(**columns) for kind, columns in zip((Bag, Item), tables, strict=True))
-    env.worlds[Entity].alive[0, row] = 0
-    assert push(bag, item, agent, row)
-
-
-@pytest.mark.parametrize(("points", "needed"), [(69, 1), (70, 0), (100, 0)])
-def test_a_heal_is_needed_by_who_has_few_hit_points(points: int, needed: int) -> None:
-    env = placed((0, 0), (0, 5), (5, 0), (5, 5), agents_health=100)
-    env.worlds[Health].points[0, 0] = points
-    step(env, IDLE)
-    carry(env, 0, env.worlds.span("heal").start)
-    assert step(env, USE)["heals_in_need"] == [needed, 0, 0, 0]
-    assert env.worlds[Health].points[0, 0] > points
-    assert step(env, USE)["heals_in_need"] == [needed, 0, 0, 0]
-    env.close()
-
-
-@pytest.mark.parametrize(("x", "y", "between"), [(5.0, 0.0, 1), (-5.0, 0.0, 0), (5.0, 5.0, 0), (5.0, 0.3, 1)])
-def test_a_box_is_cover_from_the_nearest_enemy(x: float, y: float, between: int) -> None:
-    """It is set up two metres ahead, 0.8 m wide; another enemy, farther away, does not count."""
-    env = placed((0, 0), (0, 15), (x, y), (12, 0), boxes_offset=2.0)
-    rows = env.worlds.layout.rows(Box), env.worlds.layout.rows(BoxItem)
-    env.worlds[Shape].half_width[0, rows[0]] = env.worlds[Shape].half_height[0, rows[0]] = 0.4
-    carry(env, 0, int(rows[1][0]))
-    assert step(env, USE)["boxes_between"] == [between, 0, 0, 0]
-    assert env.worlds[Entity].alive[0, rows[0][0]]
-    env.close()
-
-
 @pytest.mark.parametrize("name", few_by_day(outlast.VARIANTS, ("ffa_3", "teams_4")))
 def test_the_game_stays_as_it_is(name: str) -> None:
-    plain, described = make_vec(name, 8, seed=1), make_vec(variant(name).with_(Behaviour()), 8, seed=1)
-    rng, steps = np.random.default_rng(2), scaled(300, least=3)
-    plain.reset(), described.reset()
-    for _ in range(steps):
-        actions = draw_actions(plain, rng)
-        one, other = plain.step(actions), described.step(actions)
-        for mine, its in zip([*one[0].values(), *one[1:4]], [*other[0].values(), *other[1:4]], strict=True):
-            np.testing.assert_array_equal(mine, its)
-    plain.close(), described.close()
-
-
-def test_states_keep_it_and_every_episode_begins_anew(tmp_path: Path) -> None:
-    env = make(FFA, 4)
-    env.reset()
-    rng, other = np.random.default_rng(3), make(FFA, 4)
-    for _ in range(10):
-        env.step(draw_actions(env, rng))
-    env.get_state().save(tmp_path / "state.npz")
-    other.reset()
-    other.set_state(outlast.State.load(tmp_path / "state.npz"))
-    actions = draw_actions(env, rng)
-    env.step(actions), other.step(actions)
-    every = np.ones(4, bool)
-    mine, its = statistics(env.worlds, every), statistics(other.worlds, every)
-    for key in KEYS:
-        np.testing.assert_array_equal(mine[key], its[key])
-    env.reset()
-    after = statistics(env.worlds, every)
-    assert not any(after[key].any() for key in KEYS)
-    assert (env.worlds[Track].cells[:, :4] == 1).all()
-    env.close(), other.close()
-
-
-def test_numbers_that_cannot_be_are_refused() -> None:
-    for numbers, reason in (({"cells": 0}, "behaviour.cells = 0"), ({"need": 1.5}, "behaviour.need = 1.5")):
-        with pytest.raises(NumberError, match=reason):
-            Behaviour(**numbers)  # type: ignore[arg-type]
-    with pytest.raises(NumberError, match=r"behaviour_cells cannot vary: Behaviour.dims\(\) reads it"):
-        FFA.with_(Behaviour()).vary(behaviour_cells=integers(4, 8)).worlds(1)
-
-
-def test_a_system_that_needs_what_is_missing_is_not_scheduled() -> None:
-    class Witness(Module):
-        """Looks at the zone, if there is one."""
-
-    @Witness.system(Phase.RECORD, needs=Zone)
-    def look(zone: Read[Zone], agents: Rows[Side]) -> None:
-        """Nothing."""
-
-    for scenario, there in ((FFA, True), (FFA.without("safe_zone"), False)):
-        labels = [system.label for system in scenario.with_(Witness()).worlds(1).schedule.systems]
-        assert ("witness.look" in labels) == there
-    with pytest.raises(
-        DeclarationError, match=r"witness\.<lambda> has needs='Zone': the class of a component is needed"
-    ):
-        Witness.system(Phase.RECORD, needs="Zone")(lambda: None)  # type: ignore[arg-type]
+    assert_played_alike(variant(name), variant(name).with_(Behaviour()), scaled(300, least=3))

@@ -1,7 +1,5 @@
 """Fights, deaths, boxes and items: ticks of random worlds against tests/helpers/naive_mechanics.py."""
 
-import math
-
 import pytest
 
 from tests.conftest import few_by_day
@@ -30,19 +28,6 @@ def test_weapons_rest_after_a_strike_that_met_something(kind: str) -> None:
 def test_agents_without_health_at_the_check_die(kind: str) -> None:
     assert disagreements(kind, ["agent"], "here") == []
     assert [k for k, tick in enumerate(play(kind)) if tick.after.deaths != tick.want.deaths] == []
-
-
-@kinds
-def test_items_of_the_dead_lie_around_them(kind: str) -> None:
-    """On the rim of the circle, or anywhere in it; the test after the next says in which direction."""
-    for tick in play(kind):
-        for item, agent in tick.want.fallen:
-            one, other = tick.after.entities[item], tick.after.entities[agent]
-            numbers = tick.after.own(other)
-            far = math.dist((one.x, one.y), (other.x, other.y))
-            assert far <= numbers["death_drop_radius"] + TOLERANCE
-            if numbers["death_drop_scatter"] == "rim":
-                assert far >= numbers["death_drop_radius"] - TOLERANCE
 
 
 @kinds

@@ -29,21 +29,26 @@ class Pane(Module):
         return [Archetype("pane", (place, *solid), self.count)]
 
 
+def faced(module: Module, blocked: bool, x: float, other: float, y: float = 0.0) -> tuple[Any, list[Any]]:
+    """Agents 0 and 1 look along +x, and 0 strikes. Returns what it sees, what its ray reads, and what 1 has left."""
+    lidar = systems.Lidar(rays=1, angle=0.1, targets="solids")
+    numbers = {"melee_reach": 5.0, "melee_damage": 10, "melee_blocked": blocked}
+    env: Any = outlast.make_vec(outlast.variant("ffa_1").with_(module, lidar).replace(**numbers), 1, seed=0)
+    env.reset()
+    env.place("agent", 0, x=x, y=y, angle=0)
+    env.place("agent", 1, x=other, y=y, angle=0)
+    actions = np.tile(env.noop, (1, 2, 1))
+    actions[0, 0, [name for name, _ in env.action_columns].index("attack")] = 1
+    far = env.step(actions)[0]["lidar"][0, 0, 0]
+    return env, [is_set(env.worlds[Sight].visible[0], 0, 1), far, env.worlds[Health].points[0, 1]]
+
+
 @pytest.mark.parametrize("count", [1, 200])  # as few bodies, and as a crowd
 @pytest.mark.parametrize(("sensor", "clear", "passes"), [(0, -1, 0), (1, -1, 1), (0, 1, 1), (1, 0, 0)])
 @pytest.mark.parametrize("blocked", [True, False])
 def test_what_is_clear_blocks_nothing(sensor: int, clear: int, passes: int, count: int, blocked: bool) -> None:
-    more = Pane(sensor=sensor, clear=clear, count=count), systems.Lidar(rays=1, angle=0.1, targets="solids")
-    game = outlast.variant("ffa_1").with_(*more).replace(melee_reach=3.0, melee_damage=10, melee_blocked=blocked)
-    env: Any = outlast.make_vec(game, 1, seed=0)
-    env.reset()
-    env.place("agent", 0, x=0, y=0, angle=0)
-    env.place("agent", 1, x=2, y=0, angle=0)
-    strike = np.zeros(len(env.action_sizes), int) + env.noop
-    strike[[name for name, _ in env.action_columns].index("attack")] = 1
-    observations, *_ = env.step(np.array([[strike, env.noop]]))
-    assert is_set(env.worlds[Sight].visible[0], 0, 1) == passes
-    assert observations["lidar"][0, 0, 0] == pytest.approx(1.5 if passes else 0.9, abs=1e-3)
-    assert env.worlds[Health].points[0, 1] == (90 if passes or not blocked else 100)
+    env, found = faced(Pane(sensor=sensor, clear=clear, count=count), blocked, 0, 2)
+    expected = [passes, 1.5 if passes else 0.9, 90 if passes or not blocked else 100]
+    assert found == pytest.approx(expected, abs=1e-3)
     panes = [each for each in describe(env.worlds, 0)["objects"] if each["kind"] == "pane"]
     assert panes[0]["hides"] != passes

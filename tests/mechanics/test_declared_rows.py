@@ -69,9 +69,8 @@ def test_rows_hold_their_columns_where_they_are_seen() -> None:
     for _ in range(40):
         mask, there = observations["crates_mask"] != 0, env.worlds[Entity].alive[:, None, span] != 0
         assert not (mask & ~there).any()
-        values = [
-            np.broadcast_to(column[:, None, span], mask.shape) for column in (body.x, body.y, body.angle, body.vx)
-        ]
+        columns = body.x, body.y, body.angle, body.vx
+        values = [np.broadcast_to(column[:, None, span], mask.shape) for column in columns]
         values += [np.full(mask.shape, 2), body.x[:, None, span] - body.x[:, : env.num_agents, None]]
         wanted = np.where(mask[..., None], np.stack(values, -1), 0)
         np.testing.assert_array_equal(observations["crates"], wanted.astype(np.float32))
@@ -94,16 +93,9 @@ def test_fields_have_units_scales_and_ranges_of_their_columns() -> None:
 
 def test_the_text_shows_the_fields_of_a_game_without_hit_points() -> None:
     """Agents see everything here, as there are no cameras."""
-    parts = (
-        systems.Agents(count=2),
-        systems.FreeForAll(),
-        systems.Room(size=8.0),
-        systems.SpawnGrid(),
-        systems.Steering(),
-    )
-    game = outlast.Scenario(
-        "walk", (*parts, systems.Physics(), systems.Rewards(), systems.Ending("never", 9), Crates())
-    )
+    agents = systems.Agents(count=2), systems.FreeForAll(), systems.Room(size=8.0), systems.SpawnGrid()
+    rest = systems.Steering(), systems.Physics(), systems.Rewards(), systems.Ending("never", 9), Crates()
+    game = outlast.Scenario("walk", (*agents, *rest))
     env = outlast.make_vec(game, 1, seed=0)
     observations, _ = env.reset()
     assert [*env.fields["own"]] == ["id", "x", "y", "angle", "vx", "vy", "omega", "odd"]

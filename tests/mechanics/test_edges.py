@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from outlast import make_vec, variant
-from outlast.systems.box2d.batch import LONGEST
-from tests.conftest import COMPILED, few_by_day, scaled
+from tests.conftest import COMPILED, few_by_day
 from tests.helpers.edge_cases import CASES, SLOTS, Sketch, build, sketches
 from tests.helpers.naive_world import TOLERANCE, read
 from tests.helpers.random_worlds import TEXT, moved_as_in
@@ -94,14 +92,3 @@ def check(got: Outcome, want: Outcome, on_grid: bool) -> list[str]:
         for key, value in want.observation.items():
             np.testing.assert_allclose(got.observation[key], value, atol=TOLERANCE, err_msg=key)
     return events
-
-
-def test_bodies_may_be_pushed_far() -> None:
-    """Boxes as large as half the room lie on top of agents, which Box2D pushes out by more than it lets them fly."""
-    sides = {f"boxes_{name}": value for name in ("width", "height") for value in (12.0,)}
-    spread = {"boxes_width_deviation": 0.0, "boxes_height_deviation": 0.0}
-    env = make_vec(variant("ffa_3").replace(**sides, **spread), scaled(100, least=20), seed=0)
-    before = env.reset()[0]["own"][..., 2:4].copy()
-    after = env.step(np.tile([1, 1, 1, 0, 0, 0], (env.num_worlds, 2, 1)))[0]["own"][..., 2:4]
-    env.close()
-    assert np.hypot(*np.moveaxis(after - before, -1, 0)).max() > 2 * LONGEST

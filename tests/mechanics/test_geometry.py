@@ -3,7 +3,7 @@
 import math
 import platform
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import Box2D
 import numba
@@ -13,9 +13,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from outlast.ecs import kernel
-from outlast.ecs.kernels.jit import entry_point
 from outlast.systems.geometry.points import gap_circle_box, in_kite, in_sector
-from outlast.systems.geometry.rays import NO_HIT, ray_body, ray_box, ray_circle
+from outlast.systems.geometry.rays import NO_HIT, ray_box, ray_circle
 from tests.helpers import naive_geometry as naive
 
 COUNT = 10_000 if numba.config.DISABLE_JIT else 150_000
@@ -58,14 +57,6 @@ def _cast_boxes(queries: Queries, out: np.ndarray) -> None:
         o, d, c, half = queries.origin[i], queries.ray[i], queries.centre[i], queries.half[i]
         cosine, sine = queries.cosine[i], queries.sine[i]
         out[i] = ray_box(o[0], o[1], d[0], d[1], c[0], c[1], cosine, sine, half[0], half[1])
-
-
-@kernel
-def _look(points: np.ndarray, eyes: np.ndarray, turns: np.ndarray, camera: tuple, out: np.ndarray) -> None:
-    """camera: (depth, cosine and sine of half_fov); turns: f4[n, 2] cosine and sine."""
-    for i in range(len(out)):
-        p, o, turn = points[i], eyes[i], turns[i]
-        out[i] = in_kite(p[0], p[1], o[0], o[1], turn[0], turn[1], camera[0], camera[1], camera[2])
 
 
 def _queries(seed: int, count: int) -> Queries:
@@ -154,38 +145,6 @@ def test_rays_equal_box2d_where_everything_touches(circles: bool) -> None:
     np.testing.assert_array_equal(_cast(queries, circles), _box2d_casts(queries, circles))
 
 
-def test_rays_through_a_box2d_world() -> None:
-    """The nearest of many bodies by ray_body equals world.RayCast."""
-    rng = np.random.default_rng(3)
-    world = Box2D.b2World()
-    bodies = []
-    for n in range(40):
-        x, y, angle, half = *rng.uniform(-10, 10, 2), rng.uniform(-3, 3), rng.uniform(0.2, 1, 2)
-        radius = half[0] if n % 2 else 0.0
-        shape = Box2D.b2CircleShape(radius=radius) if n % 2 else Box2D.b2PolygonShape(box=half.tolist())
-        body = world.CreateStaticBody(position=(x, y), angle=angle, fixtures=Box2D.b2FixtureDef(shape=shape))
-        turn = body.transform.q
-        bodies.append([F4(value) for value in (x, y, turn.c, turn.s, radius, *half)])
-    nearest = _Nearest()
-    found = 0
-    for _ in range(COUNT // 100):
-        origin, ray = rng.uniform(-10, 10, 2).astype(F4), rng.uniform(-8, 8, 2).astype(F4)
-        nearest.fraction = float(NO_HIT)
-        world.RayCast(nearest, origin.tolist(), (origin + ray).tolist())
-        ours = min(float(ray_body(*origin, *ray, *body)) for body in bodies)
-        assert ours == pytest.approx(nearest.fraction, abs=TOLERANCE)
-        found += ours <= 1
-    assert found > COUNT // 300
-
-
-class _Nearest(Box2D.b2RayCastCallback):  # type: ignore[misc]
-    fraction = 0.0
-
-    def ReportFixture(self, fixture: Any, point: Any, normal: Any, fraction: float) -> float:  # noqa: N802
-        self.fraction = fraction
-        return fraction
-
-
 def _f4(*numbers: float) -> list[np.float32]:
     return [F4(number) for number in numbers]
 
@@ -196,49 +155,6 @@ def test_nearly_parallel_rays_do_not_break() -> None:
             ray = _f4(-4, 0.5, 8, sign * tiny)
             assert float(ray_box(*ray, *_f4(0, 0, 1, 0, 2, 1))) == 0.25
             assert float(ray_circle(*ray, *_f4(0, 0, 1))) <= 1
-
-
-def test_results_are_float32() -> None:
-    calls = [
-        (ray_circle, 7, numba.float32),
-        (ray_box, 10, numba.float32),
-        (ray_body, 11, numba.float32),
-        (gap_circle_box, 9, numba.float32),
-        (in_kite, 9, numba.boolean),
-        (in_sector, 9, numba.boolean),
-    ]
-    for function, count, expected in calls:
-        result = function(*_f4(*range(1, count + 1)))
-        if numba.config.DISABLE_JIT:
-            assert type(result) is (F4 if expected is numba.float32 else np.bool_)
-        else:
-            returned = {overload.signature.return_type for overload in entry_point(function.py_func).overloads.values()}
-            assert returned == {expected}
-
-
-def test_kite_equals_box2d() -> None:
-    rng = np.random.default_rng(4)
-    depth, half_fov = 10.0, math.radians(36)
-    camera = tuple(_f4(depth, math.cos(half_fov), math.sin(half_fov)))
-    eyes = rng.uniform(-12, 12, (COUNT, 2)).astype(F4)
-    headings = rng.uniform(-np.pi, np.pi, COUNT)
-    away = rng.uniform(-1.2, 1.2, COUNT) * half_fov + headings
-    offsets = rng.uniform(0, 11, COUNT)[:, None] * np.stack([np.cos(away), np.sin(away)], 1)
-    points = (eyes + offsets).astype(F4)
-    points[::100] = eyes[::100]
-    turns = np.array([_turn(heading) for heading in headings.tolist()], F4)
-    seen = np.empty(COUNT, np.bool_)
-    _look(points, eyes, turns, camera, seen)
-    corners = naive.kite_corners((0.0, 0.0), 0.0, depth, half_fov)
-    shape, transform = Box2D.b2PolygonShape(vertices=corners), Box2D.b2Transform()
-    rows = zip(points.tolist(), eyes.tolist(), headings.tolist(), strict=True)
-    for i, (point, eye, heading) in enumerate(rows):
-        transform.Set(eye, heading)
-        if shape.TestPoint(transform, point) != seen[i]:
-            corners = naive.kite_corners(tuple(eye), heading, depth, half_fov)
-            assert naive.edge_distance(tuple(point), corners) < TOLERANCE
-    assert 0.5 < seen.mean() < 0.9
-    assert seen[::100].all()  # the apex itself
 
 
 coordinate = st.floats(-12.5, 12.5, width=32)

@@ -1,17 +1,17 @@
-"""Walls inside of the room: they collide, hide and stop blows; generators connect; everybody starts in a free place."""
+"""Walls inside of the room: generators connect, everybody starts in a free place, and nobody gets through."""
 
 import itertools
 import math
-from typing import Any
 
 import numpy as np
 import pytest
 
 import outlast
 from outlast import systems, variant
-from outlast.components import Body, Side, Spawned, Strike
+from outlast.components import Body, Side, Spawned
 from outlast.ecs import Entity
-from tests.conftest import COMPILED, draw_actions, few_by_day, scaled
+from tests.conftest import COMPILED, few_by_day, scaled
+from tests.helpers.execution_modes import assert_played_alike
 from tests.helpers.naive_walls import blocks, free_parts, level, obstacles, signed_distance
 from tests.helpers.random_levels import LevelChecker
 
@@ -24,52 +24,6 @@ GENERATORS: dict[str, systems.Maze | systems.Rooms | systems.Pillars] = {
     "many pillars": systems.Pillars(count=30, least=0.4, most=0.9, gap=1.1),
 }
 generators = pytest.mark.parametrize("kind", few_by_day(GENERATORS, ("maze", "narrow doors", "many pillars")))
-
-
-def duel(*rectangles: tuple[float, ...], **numbers: Any) -> Any:
-    """A world of ffa_1 with these blocks, and its Body."""
-    env = outlast.make_vec(variant("ffa_1").replace(safe_zone_damage=0, **numbers).with_(level(*rectangles)), 1, seed=0)
-    env.reset()
-    return env, env.worlds[Body]
-
-
-AHEAD, IDLE, STRIKE = [2, 1, 1, 0, 0, 0], [1, 1, 1, 0, 0, 0], [1, 1, 1, 1, 0, 0]
-
-
-def test_a_block_stops_an_agent_just_before_it_touches() -> None:
-    env, body = duel((4, 0, 1, 6, 0, 0))
-    env.place("agent", 0, x=0, y=0, angle=0)
-    for _ in range(120):
-        env.step(np.array([[AHEAD, IDLE]]))
-    assert body.x[0, 0] == pytest.approx(3.5 - 0.505, abs=2e-3)
-
-
-def test_an_agent_slides_along_a_block_that_is_turned() -> None:
-    env, body = duel((4, 0, 1, 8, math.pi / 4, 0))
-    env.place("agent", 0, x=0, y=0, angle=0)
-    for _ in range(150):
-        env.step(np.array([[AHEAD, IDLE]]))
-    assert abs(body.y[0, 0]) > 1
-
-
-@pytest.mark.parametrize("blocked", [True, False])
-@pytest.mark.parametrize(("wall", "hurt"), [(0.95, False), (3.0, True), (-1.2, True)])
-def test_a_block_stops_blows(blocked: bool, wall: float, hurt: bool) -> None:
-    """Whether the melee ends at the first body or not; blocks behind the target or the attacker do nothing."""
-    env, _ = duel((wall, 0, 0.2, 4, 0, 0), melee_blocked=blocked)
-    env.place("agent", 0, x=0, y=0, angle=0)
-    env.place("agent", 1, x=1.9, y=0, angle=0)
-    env.step(np.array([[STRIKE, IDLE]]))
-    (row,) = env.worlds.entries(Strike)
-    assert row["target"] == (1 if hurt else env.worlds.span("inner_wall").start)
-
-
-def test_a_block_hides() -> None:
-    for x, seen in ((2.0, 0.0), (6.0, 1.0)):
-        env, _ = duel((x, 0, 0.2, 4, 0, 0))
-        env.place("agent", 0, x=0, y=0, angle=0)
-        env.place("agent", 1, x=4, y=0, angle=0)
-        assert env.step(np.array([[IDLE, IDLE]]))[0]["others_mask"][0, 0, 0] == seen
 
 
 @generators
@@ -121,19 +75,20 @@ def test_pillars_leave_gaps() -> None:
 
 def test_a_body_that_is_pushed_through_a_thin_wall_stays_on_its_side() -> None:
     """Moved by hand before contacts are resolved, as no play does; along the wall it moves freely."""
-    env, body = duel((0, 0, 0.1, 20, 0, 0))
+    scenario = variant("ffa_1").replace(safe_zone_damage=0).with_(level((0, 0, 0.1, 20, 0, 0)))
+    env = outlast.make_vec(scenario, 1, seed=0)
+    env.reset()
+    body = env.worlds[Body]
     env.place("agent", 0, x=-0.6, y=0, angle=0)
     body.vx[0, 0], body.vy[0, 0] = 40.0, 1.0  # metres a second: 1.3 m in a tick
-    env.step(np.array([[IDLE, IDLE]]))
+    env.step(np.tile(env.noop, (1, 2, 1)))
     assert body.x[0, 0] < -0.05
     assert body.y[0, 0] > 0.01
 
 
 def test_start_areas_are_kept() -> None:
-    scenario = variant("teams_3").with_(
-        level((-9, 0, 4, 12, 0, 1), (9, 2, 4, 10, 0.3, 2), (0, 8, 14, 5, 0, -1))
-    )  # the items' reaches into a side's
-    env = outlast.make_vec(scenario, scaled(32, least=2), seed=0)
+    areas = level((-9, 0, 4, 12, 0, 1), (9, 2, 4, 10, 0.3, 2), (0, 8, 14, 5, 0, -1))  # that of items reaches into one
+    env = outlast.make_vec(variant("teams_3").with_(areas), scaled(32, least=2), seed=0)
     env.reset()
     body, side = env.worlds[Body], env.worlds[Side].side
     for e in env.worlds.layout.rows(Spawned).tolist():
@@ -151,19 +106,7 @@ def test_start_areas_are_kept() -> None:
 
 def test_without_blocks_nothing_changes_but_overlaps_at_the_start() -> None:
     """The numbers that are drawn, and who starts where, are the same as without the mechanic."""
-    plain, walled = (
-        outlast.make_vec(scenario, 8, seed=0)
-        for scenario in (variant("ffa_1"), variant("ffa_1").with_(systems.Walls()))
-    )
-    rng = np.random.default_rng(0)
-    one, two = plain.reset()[0], walled.reset()[0]
-    for _ in range(scaled(100, least=2)):
-        for key in one:
-            np.testing.assert_array_equal(one[key], two[key])
-        actions = draw_actions(plain, rng)
-        one, two = plain.step(actions)[0], walled.step(actions)[0]
-    plain.close()
-    walled.close()
+    assert_played_alike(variant("ffa_1"), variant("ffa_1").with_(systems.Walls()), scaled(100, least=2))
 
 
 def test_walls_exclude_each_other() -> None:

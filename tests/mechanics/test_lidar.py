@@ -8,16 +8,13 @@ import pytest
 
 import outlast
 from outlast import Scenario, make_vec, variant
-from outlast.components import Body, Side, Solid, Spawned
 from outlast.ecs import Entity, NumberError
 from outlast.envs.core.vector_env import SurvivalVectorEnv
-from outlast.systems import FreeForAll, Lidar, Maze, Pillars, Preparation, Respawn, Rooms
-from tests.conftest import COMPILED, draw_actions, scaled
+from outlast.systems import FreeForAll, Lidar, Maze, Preparation, Respawn
+from tests.conftest import draw_actions, scaled
 from tests.helpers import naive_lidar
 from tests.helpers.naive_world import read
 from tests.helpers.random_worlds import PILLARS, RUNS, TEXT, scramble
-from tests.mechanics.test_inner_walls import duel
-from tests.mechanics.test_sight_lines import Box2DWorld
 
 WORLDS = scaled(60, least=3)
 FEW = scaled(16, least=2)  # that the naive form looks at
@@ -40,47 +37,16 @@ def test_an_odd_number_of_rays_has_one_straight_ahead_and_they_go_from_right_to_
     assert measured(env, (2, 5, 0), (0, -4, math.pi / 2))[1] == pytest.approx([wall, wall + 4, wall], abs=1e-4)
 
 
-@pytest.mark.parametrize("rays", [1, 4, 7])
-def test_a_whole_turn_is_divided_into_equal_parts_without_a_double_ray(rays: int) -> None:
-    env = make_vec(EMPTY.with_(Lidar(rays=rays, depth=30.0)), 1, seed=0)
-    env.reset()
-    found = measured(env, (0, 0, 0.3), (5, 5, 0))[0]
-    angles = 0.3 + 2 * math.pi * ((np.arange(rays) + 0.5) / rays - 0.5)
-    reach = 12.5 * 0.99 / np.maximum(abs(np.cos(angles)), abs(np.sin(angles)))
-    np.testing.assert_allclose(found, reach, atol=1e-4)
-
-
-def test_rays_end_at_their_depth() -> None:
-    env = make_vec(EMPTY.replace(room_walls=False).with_(Lidar(depth=6.5)), 1, seed=0)
-    assert (env.reset()[0]["lidar"] == 6.5).all()
-
-
-@pytest.mark.parametrize(("targets", "ahead"), [("walls", 8.0), ("solids", 3.5), ("bodies", 1.75)])
-def test_targets_are_walls_or_all_that_collides_or_all_bodies(targets: str, ahead: float) -> None:
-    """An item at 2 metres, an agent at 4, and a block at 8."""
-    env, body = duel((9, 0, 2, 4, 0, 0), heals_count=1, heals_radius=0.25)
-    env = make_vec(env.scenario.with_(Lidar(rays=1, targets=targets)), 1, seed=0)
-    env.reset()
-    body = env.worlds[Body]
-    heal = env.worlds.span("heal").start
-    body.x[0, heal], body.y[0, heal] = 2, 0
-    found = measured(env, (0, 0, 0), (4, 0, 1))
-    assert found[0, 0] == pytest.approx(ahead, abs=1e-4)
-
-
+ROLES = {
+    "far": outlast.role(2, lidar_depth=20.0, lidar_angle=0.5, agents_radius=0.54),
+    "near": outlast.role(lidar_depth=outlast.distributions.uniform(1.0, 3.0), lidar_angle=2 * math.pi),
+}
+FFA, TEAMS = variant("ffa_4").replace(**RUNS), variant("teams_4").replace(**RUNS)
 NAIVE: dict[str, Scenario] = {
-    "walls": variant("ffa_4").replace(**RUNS).with_(PILLARS, Lidar(depth=7.0)),
-    "solids": variant("teams_4").replace(**TEXT).with_(PILLARS, Lidar(rays=11, angle=2.5, targets="solids")),
-    "bodies": variant("teams_4").replace(**RUNS).with_(Maze(), Lidar(rays=9, targets="bodies", depth=30.0)),
-    "roles": variant("ffa_4")
-    .replace(**RUNS)
-    .with_(PILLARS, Lidar(targets="solids"))
-    .roles(
-        far=outlast.role(2, lidar_depth=20.0, lidar_angle=0.5, agents_radius=0.54),
-        near=outlast.role(lidar_depth=outlast.distributions.uniform(1.0, 3.0), lidar_angle=2 * math.pi),
-        drawn="anyone",
-        observed=False,
-    ),
+    "walls": FFA.with_(PILLARS, Lidar(depth=7.0)),
+    "solids": TEAMS.replace(**TEXT).with_(PILLARS, Lidar(rays=11, angle=2.5, targets="solids")),
+    "bodies": TEAMS.with_(Maze(), Lidar(rays=9, targets="bodies", depth=30.0)),
+    "roles": FFA.with_(PILLARS, Lidar(targets="solids")).roles(**ROLES, drawn="anyone", observed=False),
 }
 
 
@@ -106,50 +72,6 @@ def test_distances_are_those_of_the_naive_form(name: str) -> None:
                 grazing, total = grazing + int((high - low > 1e-2).sum()), total + len(low)
     assert total > 80 * FEW
     assert grazing <= 0.002 * total + 2
-
-
-LEVELS: dict[str, tuple[Any, dict[str, float]]] = {
-    "maze": (Maze(), {}),
-    "rooms": (Rooms(), {"room_width": 40.0, "room_height": 16.0}),
-    "pillars": (Pillars(count=30, least=0.4, most=0.9, gap=1.1), {}),
-}
-
-
-@pytest.mark.skipif(not COMPILED, reason="many rays")
-@pytest.mark.parametrize("targets", ["walls", "solids", "bodies"])
-@pytest.mark.parametrize("level", LEVELS)
-def test_rays_are_box2ds_ray_casts(level: str, targets: str) -> None:
-    """3,072 rays of each kind, 27,648 in all, to a tenth of a millimetre.
-
-    The engine's ray is its direction rounded to float32, which moves its end, 10 m away, by at most 1e-6 m; Box2D's own
-    goes through two rounded points. A side that is met at an angle of 1 degree turns that into 6e-5 m. Rays that graze
-    a corner may differ by any length, and must be told by the naive form.
-    """
-    mechanic, numbers = LEVELS[level]
-    zone = {"safe_zone_radii": (7.0, 4.0)} if numbers else {}
-    scenario = variant("ffa_4").replace(n_agents=4, n_heals=20, **numbers, **zone)
-    env = make_vec(scenario.with_(mechanic, Lidar(rays=48, targets=targets)), 16, seed=4)
-    observations, _ = env.reset()
-    rows = env.worlds.layout.rows
-    kinds = {"walls": {*rows(Solid)} - {*rows(Spawned)}, "solids": {*rows(Solid)}, "bodies": {*rows(Body)}}
-    hits = grazing = 0
-    for w in range(env.num_worlds):
-        there = Box2DWorld(env.worlds, w)
-        naive = read(env, w)
-        for i, e in enumerate(rows(Side).tolist()):
-            eye, me = there.bodies[e].position, naive.of("agent")[i]
-            for k, angle in enumerate(naive_lidar.directions(naive, me)):
-                end = eye[0] + 10 * math.cos(angle), eye[1] + 10 * math.sin(angle)
-                fraction, _ = there.cast(eye, end, kinds[targets] - {e})
-                got, hits = float(observations["lidar"][w, i, k]), hits + (fraction < 1)
-                if abs(got - 10 * fraction) > 1e-4:
-                    low, high = naive_lidar.distance(naive, me, angle)
-                    assert low <= got <= high
-                    assert high - low > 1e-2
-                    grazing += 1
-    assert 1000 < hits < 3072
-    assert grazing <= 6
-    env.close()
 
 
 def test_the_dead_read_nothing_until_they_come_back() -> None:

@@ -8,12 +8,12 @@ import pytest
 
 import outlast
 from outlast import systems
-from outlast.components import Body, Health, Polygon, Push, Shape, Sight, Solid, Spawned
-from outlast.components.sight import is_set
+from outlast.components import Body, Polygon, Push, Shape, Solid, Spawned
 from outlast.ecs import Archetype, Module, number
 from outlast.envs.inspect.world_json import describe
 from outlast.envs.rendering.scene import Scene
 from tests.conftest import scaled
+from tests.mechanics.test_clear import faced
 
 WEDGE = [(-2 / 3, -2 / 3), (1 / 3, -2 / 3), (1 / 3, 4 / 3)]  # around its centre of mass
 HEIGHTS = [(-0.5, 5 / 12), (1.0, 7 / 6), (-1.0, None)]  # of a ray to the right, and where it meets the wedge at (1, 0)
@@ -35,20 +35,12 @@ class Wedges(Module):
 @pytest.mark.parametrize("blocked", [True, False])
 def test_sight_rays_and_strikes_end_at_sides(height: float, meets: float | None, count: int, blocked: bool) -> None:
     """At the last height, a ray would meet the rectangle around the wedge."""
-    more = Wedges(count=count), systems.Lidar(rays=1, angle=0.1, targets="solids")
-    game = outlast.variant("ffa_1").with_(*more).replace(melee_reach=5.0, melee_damage=10, melee_blocked=blocked)
-    env: Any = outlast.make_vec(game, 1, seed=0)
-    env.reset()
-    env.place("agent", 0, x=-1, y=height, angle=0)
-    env.place("agent", 1, x=3, y=height, angle=0)
-    strike = np.zeros(len(env.action_sizes), int) + env.noop
-    strike[[name for name, _ in env.action_columns].index("attack")] = 1
-    observations, *_ = env.step(np.array([[strike, env.noop]]))
-    assert is_set(env.worlds[Sight].visible[0], 0, 1) == (meets is None)
-    assert observations["lidar"][0, 0, 0] == pytest.approx(3.5 if meets is None else 1 + meets, abs=1e-3)
-    assert env.worlds[Health].points[0, 1] == (90 if meets is None or not blocked else 100)
+    env, found = faced(Wedges(count=count), blocked, -1, 3, height)
+    clear = int(meets is None)
+    expected = [clear, 3.5 if clear else 1 + meets, 90 if clear or not blocked else 100]
+    assert found == pytest.approx(expected, abs=1e-3)
     wedge = env.worlds.span("wedge").start
-    assert env.query().line_of_sight(0, 1) == (meets is None)
+    assert env.query().line_of_sight(0, 1) == clear
     assert env.query().near(1.0, -0.8, 0.1, Polygon) == []
     assert env.query().near(1.0, -0.8, 0.2, Polygon) == [wedge]
 
@@ -101,7 +93,5 @@ def test_polygons_find_places_among_walls_and_keep_their_size() -> None:
 def test_the_outline_of_a_polygon_cannot_be_placed(column: str) -> None:
     env: Any = outlast.make_vec(outlast.variant("ffa_1").with_(Wedges()), 1, seed=0)
     env.reset()
-    with pytest.raises(
-        ValueError, match=f"{column.rpartition('.')[2]}: the outline of the kind 'wedge' is its Polygon"
-    ):
+    with pytest.raises(ValueError, match=f"{column.rpartition('.')[2]}: the outline of the kind 'wedge' is its"):
         env.place("wedge", 0, **{column: 1})

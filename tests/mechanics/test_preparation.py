@@ -10,7 +10,7 @@ from outlast import make_vec, variant
 from outlast.components import Body, Push, Sight, Weapon
 from outlast.ecs import NumberError
 from outlast.envs.core.vector_env import SurvivalVectorEnv
-from outlast.systems import Preparation
+from outlast.systems import Preparation, Steering
 from tests.conftest import draw_actions, scaled
 
 WORLDS, TICKS = scaled(40, least=4), 12
@@ -37,10 +37,13 @@ def places(env: SurvivalVectorEnv) -> Any:
     return np.stack([body.x[:, :4], body.y[:, :4], body.angle[:, :4]], -1)
 
 
-@pytest.mark.parametrize("give", ["at once", "evenly"])
+@pytest.mark.parametrize(
+    "game", [WIDE, WIDE.replace(motors_give="evenly"), WIDE.with_(Steering())], ids=["at once", "evenly", "steering"]
+)
 @pytest.mark.parametrize("sides", [(), (0,), (1,), (0, 1)])
-def test_who_waits_stands_still_and_then_moves(sides: tuple[int, ...], give: str) -> None:
-    env = make(WIDE.replace(motors_give=give), sides=sides)
+@pytest.mark.by_day(4)
+def test_who_waits_stands_still_and_then_moves(sides: tuple[int, ...], game: Any) -> None:
+    env = make(game, sides=sides)
     waiting = [i for i in range(4) if not sides or i // 2 in sides]
     acting = [i for i in range(4) if i not in waiting]
     for tick, observations, place in play(env, TICKS + 5):
@@ -61,13 +64,6 @@ def test_who_waits_does_not_attack() -> None:
         for side in (0, 1):
             struck[side] += [tick] * int((agents // 2 == side).any())
     assert struck == {0: [*range(1, TICKS + 4)], 1: [*range(TICKS + 1, TICKS + 4)]}
-
-
-def test_steering_waits_too() -> None:
-    env = make(variant("teams_2+steering").replace(room_size=100.0))
-    for tick, _, place in play(env, TICKS + 3):
-        start = place if tick == 0 else start  # noqa: F821
-        assert (place == start).all() == (tick <= TICKS)
 
 
 @pytest.mark.parametrize("mode", ["masked", "revealed"])

@@ -12,7 +12,8 @@ from outlast.ecs import NumberError, Worlds
 from outlast.envs.inspect.world_json import describe
 from outlast.envs.rendering.rgb import draw, text
 from outlast.envs.rendering.style import WALL
-from tests.conftest import digest, draw_actions, scaled
+from tests.conftest import digest, scaled
+from tests.helpers.execution_modes import assert_played_alike
 
 HALL = variant("ffa_1").replace(room_width=40.0, room_height=10.0, safe_zone_radii=(5.0, 2.0))
 
@@ -25,17 +26,9 @@ def test_size_stands_for_the_side_that_is_not_given(width: float, height: float)
 
 def test_a_square_of_equal_sides_is_that_of_its_size() -> None:
     """To the bit, but for the second number of the floor."""
-    one = outlast.make_vec("ffa_3", 8, seed=0)
-    two = outlast.make_vec(variant("ffa_3").with_(systems.Room(width=25.0, height=25.0)), 8, seed=0)
-    rng, seen = np.random.default_rng(0), [one.reset()[0], two.reset()[0]]
-    for _ in range(scaled(200, least=3)):
-        for key in seen[0]:
-            np.testing.assert_array_equal(seen[0][key], seen[1][key])
-        actions = draw_actions(one, rng)
-        seen = [one.step(actions)[0], two.step(actions)[0]]
+    square = variant("ffa_3").with_(systems.Room(width=25.0, height=25.0))
+    one, two = assert_played_alike(variant("ffa_3"), square, scaled(200, least=3))
     assert digest(one.worlds) != digest(two.worlds)  # which has a longer state
-    one.close()
-    two.close()
 
 
 def test_everybody_starts_in_the_cells_of_a_rectangle() -> None:

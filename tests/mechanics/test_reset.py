@@ -102,15 +102,6 @@ def test_sides_are_teams_of_nearly_equal_size_or_single_agents(agents: int) -> N
             assert sizes == [agents // teams] * (teams - agents % teams) + [agents // teams + 1] * (agents % teams)
 
 
-def test_the_circle_around_a_body_holds_all_of_it() -> None:
-    env = outlast.make_vec(outlast.variant("teams_4").replace(**RUNS), COUNT, seed=4)
-    env.reset()
-    shape, entities = env.worlds[Shape], [entity for w in range(COUNT) for entity in read(env, w).entities]
-    bounds = shape.bound.ravel().tolist()
-    corners = [max(entity.radius, math.hypot(entity.half_width, entity.half_height)) for entity in entities]
-    assert bounds == pytest.approx(corners, rel=1e-6)
-
-
 HALL = {"room_width": 40.0, "room_height": 10.0, "safe_zone_radii": (5.0, 2.0)}
 
 

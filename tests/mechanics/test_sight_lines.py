@@ -13,6 +13,7 @@ from outlast.components import Body, Shape, Side, Sight, Wall
 from outlast.ecs import Entity, Worlds
 from outlast.ecs.kernels.simd import SIMD_WIDTH
 from tests.conftest import COMPILED
+from tests.helpers.naive_geometry import edge_distance
 from tests.helpers.naive_walls import Block
 
 ROUNDING = 1e-5  # metres: of float32, where positions are up to 18
@@ -78,13 +79,8 @@ def grazing(block: Block, start: complex, end: complex) -> float:
     signs = ((1, 1), (1, -1), (-1, 1), (-1, -1))
     corners = [middle + turn * complex(a * block.half_width, b * block.half_height) for a, b in signs]
     points = [middle] if block.radius else corners
-    return min(abs(distance(point, start, end) - block.radius) for point in points)
-
-
-def distance(point: complex, start: complex, end: complex) -> float:
-    """Metres between a point and a segment."""
-    along = ((point - start) * (end - start).conjugate()).real / abs(end - start) ** 2
-    return abs(point - start - (end - start) * min(max(along, 0), 1))
+    ends = [(start.real, start.imag), (end.real, end.imag)]
+    return min(abs(edge_distance((point.real, point.imag), ends) - block.radius) for point in points)
 
 
 def seen(worlds: Worlds, w: int, i: int, e: int) -> bool:

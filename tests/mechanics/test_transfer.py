@@ -72,7 +72,9 @@ def naive_sites(env, w):
 def naive_rays(env, w):
     """Return the reward of Shelter."""
     body, shape, hits = env.worlds[Body], env.worlds[Shape], 0
-    boxes = [e for kind in ("crate", "plank") for e in range(*env.worlds.span(kind).indices(10**6))]
+    rows = [e for kind in ("crate", "plank") for e in range(*env.worlds.span(kind).indices(10**6))]
+    columns = (body.angle, shape.half_width, shape.half_height)
+    boxes = [((float(body.x[w, e]), float(body.y[w, e])), *(float(c[w, e]) for c in columns)) for e in rows]
     (agent,) = places(env, "agent", w)
     for side in range(4):
         for k in range(10):
@@ -80,17 +82,7 @@ def naive_rays(env, w):
             for _ in range(side):
                 x, y = -y, x
             away = (-x, -y)
-            found = [
-                ray_box(
-                    (x, y),
-                    away,
-                    (float(body.x[w, e]), float(body.y[w, e])),
-                    float(body.angle[w, e]),
-                    float(shape.half_width[w, e]),
-                    float(shape.half_height[w, e]),
-                )
-                for e in boxes
-            ]
+            found = [ray_box((x, y), away, *each) for each in boxes]
             found.append(ray_circle((x, y), away, agent, 0.2))
             hits += min(found) > ray_circle((x, y), away, (0.0, 0.0), 0.5)
     return -0.1 * hits / 40

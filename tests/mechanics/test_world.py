@@ -1,6 +1,4 @@
-"""How agents begin, and the actions that stand alone, against plain Python."""
-
-from collections.abc import Iterator
+"""Actions that stand alone, against plain Python."""
 
 import numpy as np
 import pytest
@@ -8,37 +6,11 @@ import pytest
 import outlast
 from outlast.components import Bag, Body, Item
 from outlast.ecs import Entity
-from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.systems import DropLast
-from tests.conftest import scaled
 from tests.helpers import naive_mechanics
 from tests.helpers.naive_world import TOLERANCE, read
 from tests.helpers.random_worlds import RUNS
 from tests.helpers.scenario_builder import ScenarioBuilder
-
-COUNT = scaled(2000, least=20)
-
-
-@pytest.fixture(scope="module")
-def fresh() -> Iterator[SurvivalVectorEnv]:
-    """Worlds that have just been reset."""
-    env = outlast.make_vec(outlast.variant("teams_4").replace(**RUNS), COUNT, seed=3)
-    env.reset()
-    yield env
-    env.close()
-
-
-def test_no_agent_is_hurt_or_carries_anything_at_the_start(fresh: SurvivalVectorEnv) -> None:
-    for w in range(0, COUNT, 20):
-        world = read(fresh, w)
-        assert [agent.health for agent in world.of("agent")] == [100] * fresh.num_agents
-        assert [agent.side for agent in world.of("agent")] == [0, 0, 1, 1, 1]
-        assert all(box.health == 5 and box.owner == -1 and not box.broken for box in world.of("box"))
-        assert not any(agent.bag for agent in world.of("agent"))
-        assert not any(item.here for item in world.of("box_item"))
-        assert world.statistics["returns"] == [0] * fresh.num_agents
-        assert world.zone == pytest.approx(naive_mechanics.zone_at(world, 0), abs=TOLERANCE)
-        assert world.zone[:3] == [0, 0, 12.5]  # the first zone fits into the room in one way only
 
 
 def test_the_optional_drop_lays_the_last_item_ahead() -> None:
