@@ -15,16 +15,11 @@ A_MOMENT = 1.0  # a second Ctrl-C within these seconds is ignored: clusters and 
 @contextlib.contextmanager
 def interrupts_held() -> Iterator[None]:
     """Make Ctrl-C wait until the context ends, so that it runs completely. In other threads nothing changes."""
-    before = signal.getsignal(signal.SIGINT)
-    if threading.current_thread() is not threading.main_thread() or before is None:
-        yield
-        return
     came: list[int] = []
-    signal.signal(signal.SIGINT, lambda number, frame: came.append(number))
     try:
-        yield
+        with _handled([signal.SIGINT], _Collect(came)):
+            yield
     finally:
-        signal.signal(signal.SIGINT, before)
         if came:
             signal.raise_signal(signal.SIGINT)
 
@@ -42,11 +37,8 @@ def one_interrupt(seconds: float = math.inf) -> Iterator[list[float]]:
     Yields:
         That number in a list, in which it can be changed.
     """
-    before, pause = signal.getsignal(signal.SIGINT), [seconds]
-    if threading.current_thread() is not threading.main_thread() or not callable(before):
-        yield pause
-        return
-    came: list[float] = []
+    before: Any = signal.getsignal(signal.SIGINT)
+    pause, came = [seconds], list[float]()
 
     def once(number: int, frame: Any) -> None:
         if came and time.monotonic() - came[-1] < pause[0]:
@@ -57,11 +49,8 @@ def one_interrupt(seconds: float = math.inf) -> Iterator[list[float]]:
             came.append(time.monotonic())
             raise
 
-    signal.signal(signal.SIGINT, once)
-    try:
+    with _handled([signal.SIGINT] if callable(before) else [], once):
         yield pause
-    finally:
-        signal.signal(signal.SIGINT, before)
 
 
 @contextlib.contextmanager
