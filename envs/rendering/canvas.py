@@ -64,11 +64,7 @@ class Canvas:
         if not abs(x) + abs(y) + abs(radius) < self._far:
             return
         pixels = max(THINNEST, radius * self.scale - (0 if width else BLEED))
-        points = _disc_at(pixels, *self._at(x, y))
-        if width:
-            cv2.polylines(self.image, [points], True, color, self._thick(width), cv2.LINE_AA, SHIFT)
-        else:
-            cv2.fillConvexPoly(self.image, points, color, cv2.LINE_AA, SHIFT)
+        self._draw(_disc_at(pixels, *self._at(x, y)), color, width)
 
     def segment(self, x: float, y: float, to_x: float, to_y: float, color: Color, width: float) -> None:
         """Draw a straight line."""
@@ -78,13 +74,7 @@ class Canvas:
 
     def polygon(self, corners: Sequence[Point], color: Color, width: float = 0) -> None:
         """Draw a filled convex polygon, or its outline if a width (metres) is given."""
-        points = _fixed(corners, self._projection)
-        if points is None:
-            return
-        if width:
-            cv2.polylines(self.image, [points], True, color, self._thick(width), cv2.LINE_AA, SHIFT)
-        else:
-            cv2.fillConvexPoly(self.image, points, color, cv2.LINE_AA, SHIFT)
+        self._draw(_fixed(corners, self._projection), color, width)
 
     def area(self, corners: Image, color: Color, opacity: float) -> None:
         """Draw a filled polygon of any form, blended with the picture below. corners: float (corners, 2)."""
@@ -111,9 +101,7 @@ class Canvas:
             return
         thinnest = THINNEST / self.scale
         a, b = max(thinnest, shape.half_width[e] + grow), max(thinnest, shape.half_height[e] + grow)
-        points = _turned(body.x[e], body.y[e], body.cosine[e], body.sine[e], a, b, self._projection)
-        if points is not None:
-            cv2.fillConvexPoly(self.image, points, color, cv2.LINE_AA, SHIFT)
+        self._draw(_turned(body.x[e], body.y[e], body.cosine[e], body.sine[e], a, b, self._projection), color)
 
     def dashes(self, x: float, y: float, radius: float, color: Color, width: float, dash: float) -> None:
         """Draw a dashed circle; dashes and the gaps between them are `dash` metres long, or a little more."""
@@ -144,6 +132,13 @@ class Canvas:
     def readable(self, height: float) -> bool:
         """Return whether digits `height` metres high are large enough to be read."""
         return height * self.scale >= READABLE
+
+    def _draw(self, points: Image | None, color: Color, width: float = 0) -> None:
+        """Draw a filled convex polygon, or its outline if a width is given; nothing without points."""
+        if points is not None and width:
+            cv2.polylines(self.image, [points], True, color, self._thick(width), cv2.LINE_AA, SHIFT)
+        elif points is not None:
+            cv2.fillConvexPoly(self.image, points, color, cv2.LINE_AA, SHIFT)
 
     def _font(self, height: float) -> tuple[float, int]:
         pixels = max(1, round(height * self.scale))

@@ -67,14 +67,13 @@ def text(worlds: Worlds, w: int) -> str:
         ValueError: The world does not exist.
     """
     scene = _scene(worlds, w)
-    grid = [[" "] * COLUMNS for _ in range(LINES)]
+    across, down = (2 * (np.arange(count) + 0.5) / count - 1 for count in (COLUMNS, LINES))
+    middle_x, middle_y = np.meshgrid(scene.room * across, -scene.room * down)  # of characters, metres
+    grid = np.full((LINES, COLUMNS), " ")
     if Zone in scene:
-        _shade(grid, scene)
-    for line in range(LINES):
-        for column in range(COLUMNS):
-            x, y = _place(scene, line, column)
-            if abs(x) > scene.sides[0] or abs(y) > scene.sides[1]:
-                grid[line][column] = BLOCK
+        zone_x, zone_y, radius = (getattr(scene[Zone], name)[0] for name in ("x", "y", "radius"))
+        grid[(np.hypot(middle_x - zone_x, middle_y - zone_y) > radius) | (radius == 0)] = ":"
+    grid[(abs(middle_x) > scene.sides[0]) | (abs(middle_y) > scene.sides[1])] = BLOCK
     for component, sign in SIGNS:
         for e in scene.living(Body, Shape, component):
             for x, y in _points(scene, e):
@@ -137,25 +136,11 @@ def checked_layers(layers: Any) -> list[Layer]:
     return found
 
 
-def _put(grid: list[list[str]], scene: Scene, x: float, y: float, sign: str) -> None:
+def _put(grid: Any, scene: Scene, x: float, y: float, sign: str) -> None:
     """Write a sign at (x, y), unless that is not on the map (or not a number)."""
     across, down = 0.5 + x / (2 * scene.room), 0.5 - y / (2 * scene.room)
     if 0 <= across < 1 and 0 <= down < 1:
-        grid[int(LINES * down)][int(COLUMNS * across)] = sign
-
-
-def _place(scene: Scene, line: int, column: int) -> tuple[float, float]:
-    """Return the middle of a character, in metres."""
-    return scene.room * (2 * (column + 0.5) / COLUMNS - 1), scene.room * (1 - 2 * (line + 0.5) / LINES)
-
-
-def _shade(grid: list[list[str]], scene: Scene) -> None:
-    zone = scene[Zone]
-    for line in range(LINES):
-        for column in range(COLUMNS):
-            x, y = _place(scene, line, column)
-            if math.hypot(x - zone.x[0], y - zone.y[0]) > zone.radius[0] or zone.radius[0] == 0:
-                grid[line][column] = ":"
+        grid[int(LINES * down), int(COLUMNS * across)] = sign
 
 
 def _points(scene: Scene, e: int) -> Iterator[tuple[float, float]]:

@@ -129,21 +129,15 @@ class Scene:
 
         KeyError if this scenario lacks it.
         """
+        layout = self.worlds.layout
         for k, module in enumerate(self.worlds.modules):
             if isinstance(module, kind):
-                own = [number for number in self.worlds.layout.varied.values() if number.module == k]
-                drawn = {number.field: self._drawn(number) for number in own}
-                drawn |= self._of_agent(k, agent) if agent is not None else {}
+                drawn = {each.field: self._drawn(each) for each in layout.varied.values() if each.module == k}
+                if agent is not None and self[Clock].episode[0]:  # before a reset, agents have no roles
+                    i, own = self.rows(Side).index(agent), [n for n in layout.per_agent.values() if n.module == k]
+                    drawn |= {number.field: self.worlds.agent_values(number)[self.w, i].item() for number in own}
                 return module.replace(**_in_range(module, drawn)) if drawn else module
         raise KeyError(f"this scenario has no mechanic {kind.__name__}")
-
-    def _of_agent(self, module: int, e: int) -> dict[str, Any]:
-        """Return the mechanic's numbers that differ by role, as the agent in row `e` has them; none before a reset."""
-        own = [number for number in self.worlds.layout.per_agent.values() if number.module == module]
-        if not (own and self[Clock].episode[0]):
-            return {}
-        i = self.rows(Side).index(e)
-        return {number.field: self.worlds.agent_values(number)[self.w, i].item() for number in own}
 
     def _drawn(self, number: Number) -> Any:
         """Return the value that a varied number has in this world."""
