@@ -3,6 +3,8 @@
 Each one is also the error of Gymnasium, or of Python, that callers expect in such a case.
 """
 
+import contextlib
+from collections.abc import Iterator
 from importlib.metadata import PackageNotFoundError, requires
 
 from gymnasium import error
@@ -23,6 +25,25 @@ def install(extra: str) -> str:
     named = [name.strip() for name, _, marker in given if f"'{extra}'" in marker.replace('"', "'")]
     versions = ", ".join(name for name in named if not name.startswith("outlast["))
     return f"pip install 'outlast[{extra}]'" + (f" ({versions})" if versions else "")
+
+
+@contextlib.contextmanager
+def needed(extra: str, what: str, kind: type[Exception] | None = None) -> Iterator[None]:
+    """Raise an error with the cure if a library that is imported inside is missing, or is too old.
+
+    Args:
+        extra: The extra that installs it.
+        what: What needs it, as in "training needs {}"; {} stands for the library's name.
+        kind: The class of the error; None: ModuleNotFoundError.
+    """
+    try:
+        yield
+    except ImportError as error:
+        library = str(error.name).partition(".")[0]
+        if library == "outlast":
+            raise
+        text = f"{what.replace('{}', library)}: {install(extra)}"
+        raise (ModuleNotFoundError(text, name=library) if kind is None else kind(text)) from error
 
 
 class ActionError(OutlastError, error.InvalidAction, ValueError):

@@ -9,17 +9,15 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
-from ..errors import install
+from ..errors import needed
 from ..scenarios.parse import resolve
 from ..scenarios.scenario import Scenario
 from .torchrl import SurvivalTorchEnv, make_torchrl
 
-try:
+with needed("benchmarl", "this needs BenchMARL"):
     from benchmarl.environments.common import Task, TaskClass
     from torchrl.data import Composite
     from torchrl.envs import EnvBase
-except ImportError as error:
-    raise ModuleNotFoundError(f"this needs BenchMARL ({error}): {install('benchmarl')}", name="benchmarl") from error
 
 DEFAULTS = {"groups": "sides", "scaled": True}  # defaults for arguments of make_torchrl
 EVALUATION = 1 << 32  # evaluations play the worlds from this number on, which training never reaches

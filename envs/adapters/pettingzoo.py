@@ -19,7 +19,7 @@ from ..core.options import world_options
 from ..core.spaces import statistics
 from ..core.validation import Array, check_choice, check_count
 from ..core.vector_env import SurvivalVectorEnv
-from ..errors import ActionError, NotResetError, install
+from ..errors import ActionError, NotResetError, needed
 from ..rendering import rgb
 from ..rendering.window import Window
 from ..scenarios.known_numbers import Numbers
@@ -27,13 +27,10 @@ from ..scenarios.scenario import Scenario
 from ..snapshots.state import State
 from .per_agent import OneWorldAdapter, check_dead, requested
 
-try:
+with needed("pettingzoo", "parallel_env and aec_env need PettingZoo"):
     from pettingzoo import ParallelEnv
     from pettingzoo.utils.conversions import parallel_to_aec_wrapper
     from pettingzoo.utils.wrappers import OrderEnforcingWrapper
-except ModuleNotFoundError as error:
-    hint = f"parallel_env and aec_env need PettingZoo: {install('pettingzoo')}"
-    raise ModuleNotFoundError(hint, name=error.name) from error
 
 Observations = dict[str, Any]  # by name of the agent
 Infos = dict[str, dict[str, Any]]

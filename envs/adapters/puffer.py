@@ -8,7 +8,7 @@ from ..core.action_spaces import ActionSpace
 from ..core.agents import alive
 from ..core.validation import Array, check_choice, check_flags
 from ..core.vector_env import SurvivalVectorEnv
-from ..errors import install
+from ..errors import needed
 from ..rendering.rgb import RENDER_MODES, render_world
 from ..scenarios.known_numbers import Numbers
 from ..scenarios.parse import checks_keywords
@@ -16,10 +16,8 @@ from ..scenarios.scenario import Scenario
 from ..snapshots.state import State
 from .per_agent import Adapter, requested
 
-try:
+with needed("puffer", "make_puffer needs PufferLib 3"):
     from pufferlib import PufferEnv
-except ImportError as error:
-    raise ModuleNotFoundError(f"make_puffer needs PufferLib 3: {install('puffer')}", name="pufferlib") from error
 
 Infos = list[dict[str, Any]]
 Outcome = tuple[Array, Array, Array, Array, Infos]

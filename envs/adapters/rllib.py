@@ -8,16 +8,14 @@ import numpy as np
 from outlast.ecs import Clock
 
 from ..core.validation import Array
-from ..errors import install
+from ..errors import needed
 from ..snapshots.state import State
 from .per_agent import OneWorldAdapter
 from .pettingzoo import Infos, Observations, SurvivalParallelEnv, parallel_env
 
-try:
+with needed("ray", "SurvivalMultiAgentEnv needs RLlib"):
     from ray.rllib.env.env_context import EnvContext
     from ray.rllib.env.multi_agent_env import MultiAgentEnv
-except ImportError as error:
-    raise ModuleNotFoundError(f"SurvivalMultiAgentEnv needs RLlib: {install('ray')}", name="ray") from error
 
 # RLlib's check_multiagent_environments resets with this seed and these options; runs themselves pass no options.
 CHECK: tuple[int, dict[str, Any]] = (42, {})

@@ -8,7 +8,7 @@ import numpy as np
 from ..core.options import world_options
 from ..core.validation import Array, as_array, check_count, keys
 from ..core.vector_env import Arrays
-from ..errors import PendingError, install
+from ..errors import PendingError, needed
 from ..rendering.window import Window
 from ..scenarios.known_numbers import Numbers
 from ..scenarios.parse import checks_keywords
@@ -17,13 +17,9 @@ from ..snapshots.state import State
 from .gymnasium_agents import SurvivalAgentVectorEnv
 from .per_agent import Adapter, requested
 
-try:
+with needed("sb3", "make_sb3 needs Stable-Baselines3"):
     from stable_baselines3.common.vec_env import VecEnv
     from stable_baselines3.common.vec_env.base_vec_env import tile_images
-except ImportError as error:
-    raise ModuleNotFoundError(
-        f"make_sb3 needs Stable-Baselines3: {install('sb3')}", name="stable_baselines3"
-    ) from error
 
 
 @checks_keywords

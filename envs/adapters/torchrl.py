@@ -16,20 +16,18 @@ from ..core.observations import each
 from ..core.options import world_options
 from ..core.validation import Array, check_choice, keys
 from ..core.vector_env import StepBuffers, SurvivalVectorEnv
-from ..errors import install
+from ..errors import needed
 from ..rendering.rgb import Pictured
 from ..scenarios.known_numbers import Numbers
 from ..scenarios.parse import checks_keywords
 from ..scenarios.scenario import Scenario
 from .per_agent import requested
 
-try:
+with needed("torchrl", "make_torchrl needs TorchRL"):
     import torch
     from tensordict import TensorDict, TensorDictBase
     from torchrl.data import Bounded, Categorical, Composite, MultiCategorical, Unbounded
     from torchrl.envs import EnvBase
-except ImportError as error:
-    raise ModuleNotFoundError(f"make_torchrl needs TorchRL: {install('torchrl')}", name="torchrl") from error
 
 GROUPS = ("all", "sides", "roles")
 TAKEN = (  # names of entries, which no group may have

@@ -8,7 +8,7 @@ from typing import Any, Unpack
 
 from outlast.ecs.kernels.integers import is_whole
 
-from ..errors import PlayError, install
+from ..errors import PlayError, needed
 from ..rollout.lineup import Others, entries_of, load_policies
 from ..rollout.saved import text_of
 from ..scenarios.known_numbers import Numbers
@@ -65,12 +65,9 @@ def play(
             not of the form NAME:PORT, websockets is not installed, or an event loop is already running, as in a
             notebook.
     """
-    try:
+    with needed("view", "outlast play needs {}", PlayError):
         from ..web.play.game import Game  # imported here, as they need websockets, which is optional
         from ..web.play.server import play as serve
-    except ModuleNotFoundError as error:
-        package = str(error.name).partition(".")[0]
-        raise PlayError(f"outlast play needs {package}: {install('view')}") from error
     _check(fps, port)
     site = Site(port, host, (allow_hosts,) if isinstance(allow_hosts, str) else tuple(allow_hosts))
     entries = entries_of(others)

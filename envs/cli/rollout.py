@@ -17,7 +17,7 @@ from ..api.make import make_vec
 from ..api.options import RolloutOptions
 from ..api.rollout import check_files, prepared, worlds_of
 from ..core.options import MACHINE, OUTPUT
-from ..errors import ClusterError, UsageError
+from ..errors import ClusterError, UsageError, needed
 from ..progress import Progress
 from ..rollout.local import RolloutTask
 from ..rollout.policies import POLICIES
@@ -26,7 +26,7 @@ from ..rollout.table_file import check_table
 from ..scenarios.scenario import Scenario
 from ..scenarios.scenario_json import plain, same_for_all
 from ..storage.atomic_write import atomic_write
-from ..storage.outputs import check_file
+from ..storage.outputs import check_file, written_to
 from .options import CLUSTER, STDOUT, STOPPED, add_options, add_quiet, add_scenario, messages_shown, printable, scenario
 from .options import output as written
 
@@ -52,7 +52,7 @@ def add(commands: Any) -> None:
         "then do not count, so the means lean towards short episodes."
     )
     text = "run a policy in many worlds and print the episodes' statistics"
-    command = commands.add_parser("rollout", help=text, description=description, examples=examples)
+    command = commands.add_parser("rollout", help=text, description=description, examples=examples, run=run)
     add_scenario(command)
     csv, events = (partial(check_table, what=what, typed=what == "events") for what in ("episodes", "events"))
     add_options(command, RolloutOptions, csv={"type": written(csv)}, events={"type": written(events)})
@@ -64,7 +64,6 @@ def add(commands: Any) -> None:
     add_quiet(command)
     text = f"play on the Ray cluster at ADDRESS; {CLUSTER} (default: no cluster)"
     command.group(MACHINE).add_argument("--ray", nargs="?", const="", metavar="ADDRESS", help=text)
-    command.set_defaults(run=run)
 
 
 def _summary(text: str) -> str:
@@ -115,10 +114,8 @@ def _on_ray(options: argparse.Namespace, asked: Scenario) -> Iterator[tuple[int,
         raise ClusterError("--others plays on one machine: leave it out with --ray")
     if options.policy not in POLICIES:
         raise ClusterError(f"--policy {options.policy} plays on one machine: leave out --ray")
-    try:
+    with needed("ray", "--ray needs Ray", ClusterError):
         from ..rollout import ray as cluster  # here, as Ray takes seconds to load
-    except ModuleNotFoundError as error:
-        raise ClusterError(str(error)) from error
     with contextlib.closing(make_vec(asked, 1, seed=options.seed)) as env:  # compiles the tick once, for all workers
         agents = env.num_agents
     task = RolloutTask(asked, POLICIES[options.policy], options.steps, options.seed, options.episodes)
@@ -169,7 +166,11 @@ def _report(options: argparse.Namespace, asked: Scenario, played: Played, out: T
         return
     try:
         if options.json is not None:
-            _write(options.json, _as_json(options, asked, *found))
+            with (
+                written_to(options.json, UsageError, "; the summary is not written"),
+                atomic_write(Path(options.json), new=True) as place,
+            ):
+                place.write_text(_as_json(options, asked, *found), encoding="utf-8")
     finally:  # a full disk costs no table
         print(_heading(options, asked, *found), played.summary, sep="\n", file=out)
 
@@ -202,13 +203,3 @@ def _as_json(options: argparse.Namespace, asked: Scenario, summary: Summary, sec
     about = {"outlast": outlast.__version__, "scenario": asked.name, "numbers": same_for_all(asked), **plain(asked)}
     about |= {"agents": agents, "asked": given, "seconds": seconds, "seconds_of": summary.seconds}
     return json.dumps(about | summary.as_dict(), indent=2) + "\n"
-
-
-def _write(path: str, text: str) -> None:
-    try:
-        with atomic_write(Path(path), new=True) as place:
-            place.write_text(text, encoding="utf-8")
-    except FileExistsError as error:
-        raise UsageError(f"{path} exists, {error.strerror}") from error
-    except OSError as error:
-        raise UsageError(f"{path} cannot be written: {error.strerror or error}; the summary is not written") from error

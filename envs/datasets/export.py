@@ -64,7 +64,7 @@ def check_new(path: str) -> None:
 
 @contextlib.contextmanager
 def _said_of(path: str) -> Iterator[None]:
-    """Turn errors of disks and missing libraries into RecordingErrors."""
+    """Turn errors of disks into RecordingErrors."""
     try:
         yield
     except FileExistsError as error:  # another process has written it, see atomic_write
@@ -72,8 +72,6 @@ def _said_of(path: str) -> Iterator[None]:
     except OSError as error:
         place = f"{path} ({error.filename})" if path.startswith(MINARI) and error.filename else path
         raise RecordingError(f"{place}: {error.strerror or error}; no dataset was written") from error
-    except ModuleNotFoundError as error:
-        raise RecordingError(str(error)) from error
 
 
 def _export_npz(target: Path, replay: Replay, selection: Selection) -> int:

@@ -19,7 +19,7 @@ from ..adapters.registry import VERSION
 from ..core.action_spaces import ActionSpace
 from ..core.numbers import current_levels
 from ..core.observations import Observations
-from ..errors import RecordingError, install
+from ..errors import RecordingError, needed
 from ..levels import Level, decoded, encoded
 from ..recording import Replay
 from ..scenarios.fingerprint import rebuilt
@@ -27,16 +27,13 @@ from ..storage import atomic_write
 from ..storage.outputs import check_folder
 from .samples import DatasetSamples, Selection, concatenate, manifest, read_samples
 
-try:
+with needed("data", "Minari datasets need Minari", RecordingError):
     import minari
     import pyarrow  # noqa: F401 - what Minari writes with
     from minari.data_collector.episode_buffer import EpisodeBuffer
     from minari.dataset.minari_dataset import parse_dataset_id
     from minari.namespace import create_namespace, list_local_namespaces
     from minari.storage.datasets_root_dir import get_dataset_path
-except ModuleNotFoundError as error:
-    raise ModuleNotFoundError(f"Minari datasets need Minari: {install('data')}", name=error.name) from error
-
 
 ROOT = "MINARI_DATASETS_PATH"  # the environment variable with the folder of Minari's datasets
 

@@ -10,16 +10,14 @@ import numpy as np
 
 from ..core.observations import number_names
 from ..core.validation import Array
-from ..errors import RecordingError, install
+from ..errors import RecordingError, needed
 from ..recording import Replay
 from ..storage.atomic_write import atomic_write
 from .samples import DatasetSamples, Selection, manifest, read_shards
 
-try:
+with needed("data", ".parquet files need pyarrow", RecordingError):
     import pyarrow as pa
     import pyarrow.parquet as pq
-except ModuleNotFoundError as error:
-    raise ModuleNotFoundError(f".parquet files need pyarrow: {install('data')}", name=error.name) from error
 
 WORLDS = ("world", "episode", "tick")
 ENDS = ("terminated", "truncated", "last")

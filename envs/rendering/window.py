@@ -5,17 +5,15 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import install
+from ..errors import needed
 
 
 class Window:
     """A window that opens with the first frame and shows at most `fps` frames per second. Needs pygame: ImportError."""
 
     def __init__(self, fps: int) -> None:
-        try:
+        with needed("window", "a window needs pygame"):
             self.pygame: Any = import_module("pygame")  # imported here, as pygame is optional
-        except ModuleNotFoundError as error:
-            raise ImportError(f"a window needs pygame: {install('window')}") from error
         self.fps = fps
         self.clock = self.pygame.time.Clock()
         self.surface: Any = None

@@ -7,18 +7,15 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from typing import Any
 
+import ray
+from ray.exceptions import RayError, RayTaskError
+
 import outlast
 from outlast.ecs.kernels.errors import OutlastError
 
-from ..errors import ClusterError, install
+from ..errors import ClusterError
 from .local import RolloutTask, run_task, split_worlds
 from .summary import Summary
-
-try:
-    import ray
-    from ray.exceptions import RayError, RayTaskError
-except ImportError as error:
-    raise ModuleNotFoundError(f"--ray needs Ray: {install('ray')}", name="ray") from error
 
 MAX_RETRIES = 5  # retries of a batch of worlds whose worker was lost
 GRACE = 2.0  # seconds in which running batches may end before they are stopped
@@ -53,16 +50,11 @@ def rollout_on_cluster(
 ) -> Summary:
     """Return the summary of `worlds` worlds, in batches spread over the connected cluster (see `connected`).
 
-    A batch counts once, when all of it is done; if its worker is lost, it starts again elsewhere.
+    It is the same as on one machine. A batch counts once, when all of it is done; if its worker is lost, it starts
+    again elsewhere.
 
-    Args:
-        task: What to roll out.
-        worlds: How many worlds.
-        progress: Called with a summary that has the numbers of episodes and world-steps done, but no sums; before an
-            error is raised, with the summary of the finished batches.
-
-    Returns:
-        The same summary as on one machine.
+    progress: Called with a summary that has the numbers of episodes and world-steps done, but no sums; before an error
+    is raised, with the summary of the finished batches.
 
     Raises:
         ClusterError: A batch lost too many workers.

@@ -15,7 +15,7 @@ from typing import Any
 
 from outlast.ecs.kernels.errors import did_you_mean
 
-from ..errors import UsageError, install
+from ..errors import UsageError, needed
 from ..scenarios.scenario import Scenario
 from ..storage.kept_results import kept_file
 
@@ -147,10 +147,8 @@ def load_saved(path: str, seed: int = 0) -> Any:
     """Return outlast.load_policy(path, seed). Raise UsageError without PyTorch, or if the policy does not exist."""
     import outlast  # imported here, as outlast imports the environments
 
-    try:
+    with needed("train", f"{path} needs {{}}", UsageError):
         return outlast.load_policy(path, seed)
-    except ModuleNotFoundError as error:
-        raise UsageError(f"{path} needs {error.name}: {install('train')}") from error
 
 
 def forms(scenario: Scenario) -> list[Scenario]:

@@ -13,7 +13,7 @@ from urllib.request import url2pathname
 
 from outlast.ecs.kernels.cache_files import cache_folders
 
-from ..errors import UsageError, install
+from ..errors import UsageError, needed
 
 RESULTS = Path(__file__).resolve().parents[2] / "results"  # of a checkout; a wheel has none
 HERE = "results"  # of a checkout that is the working directory, from which outlast may have been installed
@@ -75,10 +75,8 @@ def _published(what: str) -> str:
 
 def _downloaded(address: str, file: str, sha256: str, what: str) -> Path:
     """Return the file in the cache, downloaded if it is not there. Raises UsageError."""
-    try:
+    with needed("train", f"{what} is downloaded by {{}}", UsageError):
         import pooch  # imported here: a checkout does not need it
-    except ModuleNotFoundError as error:
-        raise UsageError(f"{what} is downloaded by {error.name}: {install('train')}") from error
     folder = cache_folders().writable
     if folder is None:
         raise UsageError(f"{what} has no folder to be downloaded to: name one in OUTLAST_CACHE_DIR")

@@ -320,7 +320,7 @@ def test_documented_extras_exist() -> None:
         if path.suffix in (".md", ".py"):
             text = path.read_text("utf-8")
             named |= set(re.findall(r"pip install (?:-\S+ )*'(?:outlast|\.)\[(\w[\w-]*)\]'", text))
-            named |= set(re.findall(r"install\('([\w-]+)'\)", text))  # envs.errors.install, in messages
+            named |= set(re.findall(r"""(?:install\('|needed\(")([\w-]+)""", text))  # of envs.errors, in messages
     assert named > {"train", "view", "test"}
     extras = PROJECT["project"]["optional-dependencies"].keys()
     assert named <= extras

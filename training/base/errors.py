@@ -1,9 +1,6 @@
 """The errors of training and evaluation."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-
-from outlast.envs.errors import UsageError, install
+from outlast.envs.errors import UsageError
 
 
 class TrainingError(UsageError):
@@ -19,15 +16,3 @@ class TrainingError(UsageError):
 
 class EmptyRunError(TrainingError):
     """A run has no curve because no episode of it has ended yet."""
-
-
-@contextmanager
-def needed(extra: str, what: str) -> Iterator[None]:
-    """Raise a TrainingError if a library that is imported inside is missing: it names the feature and the extra.
-
-    what: Beginning of the message, such as "figures need".
-    """
-    try:
-        yield
-    except ModuleNotFoundError as error:
-        raise TrainingError(f"{what} {error.name}: {install(extra)}") from error

@@ -12,7 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from .errors import TrainingError, needed
+from outlast.envs.errors import needed
+
+from .errors import TrainingError
 from .files import read_bytes, write_files
 from .run_header import NEEDED, WEIGHTS, Header, parse_header, read_checkpoint
 
@@ -140,5 +142,5 @@ def parse_tensors(data: bytes) -> tuple[str, dict[str, Array]]:
 
 def _check_installed() -> None:
     """Raise TrainingError if safetensors is not installed: this module is imported without it."""
-    with needed("train", "weights of policies need"):
+    with needed("train", "weights of policies need {}", TrainingError):
         import safetensors  # noqa: F401

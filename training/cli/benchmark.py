@@ -12,12 +12,13 @@ from typing import Any
 from outlast.ecs.kernels.available import available_cores
 from outlast.envs.cli.grammar import Parser
 from outlast.envs.cli.options import STOPPED, add_options, count, output, positive, seed
+from outlast.envs.errors import needed
 from outlast.envs.progress import Progress, duration
 from outlast.envs.storage.outputs import check_file
 from outlast.envs.text_table import terminal_width, text_table
 
 from ..base.config import TrainingConfig
-from ..base.errors import TrainingError, needed
+from ..base.errors import TrainingError
 from ..base.files import check_out
 from ..benchmark.tasks import BUDGETS, GAMES, RESPONSES, task_of, tasks
 from ..runs.child_runs import MAIN, ChildRun, side_by_side
@@ -104,7 +105,7 @@ def run(command: Parser, options: argparse.Namespace) -> int:
         raise TrainingError(f"--{unused[0]} has no effect on benchmark {options.action}: leave it out")
     options.out = options.out and Path(options.out)
     if options.action != "tasks":
-        with needed("train", f"benchmark {options.action} needs"):
+        with needed("train", f"benchmark {options.action} needs {{}}", TrainingError):
             import torch  # noqa: F401  # all else plays policies
     return action(options)
 

@@ -8,13 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from outlast.envs.cli.options import STOPPED, add_options, add_scenario, given_options, output, scenario
+from outlast.envs.errors import needed
 from outlast.envs.rollout.lineup import OWN_AS
 from outlast.envs.rollout.policies import POLICIES
 from outlast.envs.rollout.saved import SAVED_AS
 from outlast.envs.text_table import terminal_width
 
 from ..base.config import PLAYED, EvaluationOptions
-from ..base.errors import needed
+from ..base.errors import TrainingError
 from ..base.files import check_out
 from ..base.quantities import explained
 
@@ -52,7 +53,7 @@ def add(commands: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Evaluate, and report the complete pairings, also after an error. Return the exit status."""
-    with needed("train", "evaluating needs"):
+    with needed("train", "evaluating needs {}", TrainingError):
         from ..arena import evaluation as arena
         from ..arena.films import films
     given, status = given_options(options, EvaluationOptions), 0

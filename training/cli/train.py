@@ -14,11 +14,12 @@ from outlast.ecs.kernels.available import available_cores
 from outlast.envs.cli.grammar import Parser
 from outlast.envs.cli.options import STOPPED, add_options, add_scenario, given_options, output, positive, scenario, seed
 from outlast.envs.core.options import options_of
+from outlast.envs.errors import needed
 from outlast.envs.rollout.saved import checkpoints
 
 from ..base import config as known
 from ..base.config import SELF, RunOptions, TrainingConfig, Workload
-from ..base.errors import TrainingError, needed
+from ..base.errors import TrainingError
 from ..base.files import check_out
 from ..base.hyperparameters import KINDS
 from ..runs.child_runs import RESUME, ChildRun, side_by_side
@@ -120,7 +121,7 @@ def _each_run(options: argparse.Namespace) -> Iterator[PlannedRun]:
 
 def _train_one(options: argparse.Namespace, planned: PlannedRun) -> int:
     """Train in this process with a progress bar. Return the exit status."""
-    with needed("train", "training needs"):
+    with needed("train", "training needs {}", TrainingError):
         from ..runs.run import TrainingRun
         from ..runs.train import shown
     folder = Path(options.out or Path("runs", planned.folder_name))

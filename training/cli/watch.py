@@ -8,9 +8,10 @@ from typing import Any
 
 from outlast.envs.api.options import PageOptions
 from outlast.envs.cli.options import add_import, add_options, import_files, printable
+from outlast.envs.errors import needed
 
 from ..base import run_header
-from ..base.errors import TrainingError, needed
+from ..base.errors import TrainingError
 
 LISTED = 5  # runs listed in a message
 
@@ -23,17 +24,16 @@ def add(commands: Any) -> None:
         "newer policies replace it. Ctrl-C ends the page."
     )
     text = "see the newest policy of a run play in the browser"
-    command = commands.add_parser("watch", help=text, description=description, examples=examples)
+    command = commands.add_parser("watch", help=text, description=description, examples=examples, run=run)
     text = "folder of a run of `outlast train`, which may still be training"
     command.add_argument("run_folder", type=Path, metavar="RUN", help=text)
     add_import(command, "the run uses")
     add_options(command, PageOptions)
-    command.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
     """Serve the page until Ctrl-C. Return the exit status. Raises TrainingError, PlayError."""
-    with needed("train", "watching needs"):
+    with needed("train", "watching needs {}", TrainingError):
         import torch  # noqa: F401, which policies need, before anything is served
 
         from ..runs.watch import RunWatcher

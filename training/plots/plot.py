@@ -5,8 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from outlast.envs.core.options import option
+from outlast.envs.errors import needed
 
-from ..base.errors import TrainingError, needed
+from ..base.errors import TrainingError
 from ..base.files import write_files
 from ..base.tables import ENDS
 from .comparison import AXES, Comparison
@@ -86,7 +87,7 @@ def plot(
     Raises:
         TrainingError: No runs are found, a setting or curve is unknown, or matplotlib is missing; nothing is written.
     """
-    with needed("plot", "figures need"):
+    with needed("plot", "figures need {}", TrainingError):
         from .figure import picture
     if form not in FORMS:
         raise TrainingError(f"form = {form!r}: allowed are {', '.join(FORMS)}")

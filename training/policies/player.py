@@ -11,17 +11,15 @@ import numpy as np
 
 from outlast.envs.core.validation import check_count
 from outlast.envs.core.vector_env import SurvivalVectorEnv
-from outlast.envs.errors import install
+from outlast.envs.errors import needed
 from outlast.envs.rollout.saved import REVEALED, cameras_mode, located
 from outlast.envs.scenarios.scenario import Scenario
 
-try:
+with needed("train", "saved policies need PyTorch"):
     import torch
 
     from ..base import policy_file, run_header
     from . import checkpoint
-except ModuleNotFoundError as error:
-    raise ModuleNotFoundError(f"saved policies need PyTorch: {install('train')}", name=error.name) from error
 
 from ..base.errors import TrainingError
 from ..base.noise import EpisodeNoise

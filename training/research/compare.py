@@ -10,9 +10,10 @@ import numpy as np
 
 from outlast.envs.cli.options import output
 from outlast.envs.core.options import OUTPUT
+from outlast.envs.errors import needed
 
 from ..base.curves import KILLS, LENGTH, QUANTITIES, RETURN, EndValue, MovingAverage, Quantity, average, end_value
-from ..base.errors import needed
+from ..base.errors import TrainingError
 from ..base.files import check_out, write_files
 from ..base.tables import ENDS, csv_text, decimals, digits, markdown_table, number, spread, with_spread
 from ..plots.plot import DRAWN, FORMS
@@ -30,7 +31,7 @@ def add(commands: Any) -> None:
     text = "compare runs of the paper's variants with the paper"
     description = "Draw a figure for each variant and preset, beside the paper's curves, and check the paper's claims."
     examples = [("compare runs --out figures/paper", "all runs in a folder")]
-    command = commands.add_parser("compare", help=text, description=description, examples=examples)
+    command = commands.add_parser("compare", help=text, description=description, examples=examples, run=run)
     text = "folder of a run, or a folder with several of these, or with kept results"
     command.group(DRAWN).add_argument("runs", nargs="+", type=Path, metavar="RUN", help=text)
     group = command.group(OUTPUT)
@@ -39,7 +40,6 @@ def add(commands: Any) -> None:
     group.add_argument("--format", choices=FORMS, default=FORMS[0], help=f"format of the figures (default {FORMS[0]})")
     text = "also write the runs' curves, and newest policies as RUN.safetensors, to this folder"
     group.add_argument("--keep", type=output(check_out), metavar="FOLDER", help=text)
-    command.set_defaults(run=run)
 
 
 @dataclass(frozen=True)
@@ -192,7 +192,7 @@ def figures_and_tables(groups: Sequence[PaperGroup], form: str, beside: Sequence
     form: Format of the figures: "png" or "svg". beside: Runs with other presets, for comparison in the table of all
     presets. Raises TrainingError: matplotlib is missing.
     """
-    with needed("plot", "figures need"):
+    with needed("plot", "figures need {}", TrainingError):
         from .figures import picture
     figures = {f"{group.name}.{form}": picture(group, form) for group in groups}
     return {**figures, "ends.md": report(groups, beside).encode(), ENDS: csv_table(groups).encode()}

@@ -13,6 +13,7 @@ from typing import Any
 import torch
 
 from outlast.ecs.kernels.available import available_cores
+from outlast.envs.errors import needed
 from outlast.envs.rollout.saved import CHECKPOINT, ENDINGS, checkpoints, is_saved, models
 from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.envs.storage.atomic_write import atomic_write, is_temporary
@@ -21,7 +22,7 @@ from outlast.envs.storage.interrupts import interrupts_held, one_interrupt, save
 
 from ..base import log_file, run_header
 from ..base.config import TrainingConfig, parse_warm_start
-from ..base.errors import TrainingError, needed
+from ..base.errors import TrainingError
 from ..base.hyperparameters import Hyperparameters
 from ..base.presets import preset
 from ..policies import checkpoint
@@ -145,7 +146,7 @@ class TrainingRun:
         if cluster is None:
             self.crew = recruit(config.processes, follow, config, files)
         else:
-            with needed("ray", "a Ray cluster needs"):
+            with needed("ray", "a Ray cluster needs {}", TrainingError):
                 from ..ppo.cluster import recruit_on_cluster  # imported here: Ray takes seconds to load
             if config.processes == 1:
                 raise TrainingError("a cluster requires several processes: add --processes 8, for example")
