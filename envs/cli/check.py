@@ -20,10 +20,9 @@ def add(commands: Any) -> None:
         "and the same when they run as Python. The exit status is 1 if a mistake was found."
     )
     examples = [("check mygame.py:ARENA", "a game of your own, with all its mechanics")]
-    command = commands.add_parser("check", help=text, description=description, examples=examples)
+    command = commands.add_parser("check", help=text, description=description, examples=examples, run=run)
     add_scenario(command)
     add_options(command, CheckOptions)
-    command.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -14,19 +14,15 @@ def add(commands: Any) -> None:
     examples = [
         ("frames teams_3 --out fight.webm", "a film of one world, in which the scripted policy plays 150 steps"),
         ("frames ffa_2 --policy random --steps 100 --out pictures", "numbered pictures in a folder"),
-        (
-            "frames ffa_3 --mosaic 2x2 --views +vision,-ids --out four.gif",
-            "four worlds in one film, with what agents see",
-        ),
+        ("frames ffa_3 --mosaic 2x2 --views +vision,-ids --out four.gif", "four worlds at once, and what agents see"),
     ]
     description = "Play worlds from the beginning, and draw every step, into a film or a folder of pictures."
     text = "play worlds and draw every step, as pictures or as a film"
-    command = commands.add_parser("frames", help=text, description=description, examples=examples)
+    command = commands.add_parser("frames", help=text, description=description, examples=examples, run=run)
     add_scenario(command)
     add_options(command, FilmOptions)
     video_options.add(command, required=True)
     add_quiet(command)
-    command.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -26,11 +26,14 @@ class Parser(argparse.ArgumentParser):
     Args:
         examples: Pairs of a command line without its first word, "rollout ffa_2 --steps 300", and what it does. They
             stand ahead of the epilog.
+        run: The function (options) that runs the command, and returns its exit status.
         **settings: As argparse's own.
     """
 
-    def __init__(self, *, examples: Sequence[tuple[str, str]] = (), **settings: Any) -> None:
+    def __init__(self, *, examples: Sequence[tuple[str, str]] = (), run: Any = None, **settings: Any) -> None:
         super().__init__(**{**settings, "formatter_class": Help})
+        if run is not None:
+            self.set_defaults(run=run)
         self.examples = tuple(examples)
         if examples:
             self.epilog = "\n".join(["examples:", *self._aligned(), *(["", self.epilog] if self.epilog else [])])

@@ -18,7 +18,7 @@ from ..rendering.canvas import png
 from ..rendering.video.footage import check_pictures, footage, near_square
 from ..scenarios.floor_plan import GENERATORS, LAYOUT, FloorPlan, in_words
 from ..storage.atomic_write import atomic_write
-from ..storage.outputs import check_file
+from ..storage.outputs import check_file, written_to
 from .options import VARIANT, add_changes, add_number, add_options, path, scenario
 from .options import output as written
 
@@ -37,7 +37,7 @@ def add(commands: Any) -> None:
         ("layout rooms --seed 3 --worlds 9 --out rooms.png", "a picture of nine worlds among rooms with doors"),
         ("layout maze --set maze_columns=8 --out maze.json", "a maze as a floor plan, to play in it again"),
     ]
-    command = commands.add_parser("layout", help=text, description=description, examples=examples)
+    command = commands.add_parser("layout", help=text, description=description, examples=examples, run=run)
     game = command.group(GAME)
     game.add_argument("layout", type=path, metavar="LAYOUT", help=f"which walls: {LAYOUT}")
     game.add_argument(
@@ -50,7 +50,6 @@ def add(commands: Any) -> None:
     text = "what to write: NAME.png for a picture, NAME.html for a web page, or NAME.json for a floor plan, of one "
     text += "world only"
     output.add_argument("--out", type=written(_check), required=True, metavar="FILE", help=text)
-    command.set_defaults(run=run)
 
 
 def _check(path: str) -> None:
@@ -75,7 +74,7 @@ def run(options: argparse.Namespace) -> int:
         env.reset()
         if options.layout not in GENERATORS:
             _warn_of_parts(options.layout, env.worlds)
-        try:
+        with written_to(f"--out {options.out}", UsageError):
             if path.suffix == ".json":
                 if options.layout not in GENERATORS and FloorPlan.load(options.layout).starts:
                     LOGGER.warning("%s has start areas, which are not written: walls are", options.layout)
@@ -86,8 +85,6 @@ def run(options: argparse.Namespace) -> int:
                 picture = png(next(footage(env.worlds, [None], range(env.num_worlds), size=size)))
                 with atomic_write(path) as place:
                     place.write_bytes(picture)
-        except OSError as error:
-            raise UsageError(f"--out {options.out} cannot be written: {error.strerror}") from error
     print(options.out)
     return 0
 

@@ -20,8 +20,7 @@ def add(commands: Any) -> None:
         "that can be appended to a name, as in ffa_2+steering."
     )
     examples = [("variants", "every name, with what the game is")]
-    command = commands.add_parser("variants", help=text, description=description, examples=examples)
-    command.set_defaults(run=variants)
+    commands.add_parser("variants", help=text, description=description, examples=examples, run=variants)
 
 
 def variants(options: argparse.Namespace) -> int:

@@ -22,8 +22,7 @@ def add(commands: Any) -> None:
         ("models", "every name, with how it was trained"),
         ("evaluate teams_3 teams_3/fast-0 scripted", "two policies, of which one is a model"),
     ]
-    command = commands.add_parser("models", help=text, description=description, examples=examples)
-    command.set_defaults(run=listed)
+    commands.add_parser("models", help=text, description=description, examples=examples, run=listed)
 
 
 def listed(options: argparse.Namespace) -> int:

@@ -27,10 +27,9 @@ def add(commands: Any) -> None:
         ("frames hill.py --policy random --out hill.gif", "a film of it"),
         ("train hill.py --steps 1e6", "agents that play it"),
     ]
-    command = commands.add_parser("new", help=text, description=description, examples=examples)
+    command = commands.add_parser("new", help=text, description=description, examples=examples, run=run)
     text = "name of the game, in lower case, such as hill or red_hill; NAME.py goes into this folder"
     command.group(OUTPUT).add_argument("path", type=_file, metavar="NAME", help=text)
-    command.set_defaults(run=run)
 
 
 def _check(path: str) -> None:

@@ -19,9 +19,8 @@ def add(commands: Any) -> None:
         ("numbers ffa_2", "all numbers that --set can change"),
         ("numbers teams_3 --set room_size=30", "the same in a larger room: some numbers grow with it"),
     ]
-    command = commands.add_parser("numbers", help=text, description=description, examples=examples)
+    command = commands.add_parser("numbers", help=text, description=description, examples=examples, run=run)
     add_scenario(command)
-    command.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -23,7 +23,7 @@ from ..scenarios.imports import module_of
 from ..scenarios.parse import distribution, mechanic, resolve, typed, with_roles
 from ..scenarios.scenario import Scenario
 from ..storage.limited_read import read_text
-from ..storage.outputs import check_file
+from ..storage.outputs import check_file, written_to
 from .grammar import Parser
 
 MAX_SEED = 2**64 - 1
@@ -168,12 +168,8 @@ def save_scenario(options: argparse.Namespace) -> None:
     """Write what --save-scenario asks for, behind all that a command may be refused for. Raises ScenarioError."""
     if (asked := getattr(options, "changed_scenario", None)) is not None:
         _check_save(asked, options)
-        try:
+        with written_to(f"--save-scenario: {options.save_scenario}", ScenarioError):
             asked.save(options.save_scenario)
-        except OSError as error:
-            raise ScenarioError(
-                f"--save-scenario: {options.save_scenario} cannot be written: {error.strerror}"
-            ) from error
 
 
 def add_number(command: Any, option: str, default: Any, text: str, least: int = 1, **more: Any) -> None:

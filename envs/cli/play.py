@@ -13,21 +13,17 @@ def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
     examples = [
         ("play ffa_2", "a duel against the scripted policy"),
-        (
-            "play teams_3 --agent 2 --others random --fps 10",
-            "you are agent 2 of agents 0 to 3, at a third of the speed",
-        ),
+        ("play teams_3 --agent 2 --others random --fps 10", "you are agent 2 of 0 to 3, at a third of the speed"),
     ]
     description = (
         "Steer an agent with the keyboard, on a web page that opens in your browser. Without --host, only this machine "
         "can open it. Ctrl-C ends the game."
     )
     text = "steer an agent with the keyboard, in the browser, against policies"
-    command = commands.add_parser("play", help=text, description=description, examples=examples)
+    command = commands.add_parser("play", help=text, description=description, examples=examples, run=run)
     add_scenario(command)
     add_options(command, PlayOptions, fps={"type": _rate})
     add_options(command, PageOptions)
-    command.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:

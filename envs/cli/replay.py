@@ -31,10 +31,7 @@ def add(commands: Any) -> None:
     examples = [
         ("replay fights.rec", "play it again, compare every tick, and print its statistics"),
         ("replay fights.rec --html fights.html", "a page that plays it"),
-        (
-            "replay fights.rec --worlds 3 --from 100 --to 400 --out fight.webm",
-            "a film of world 3, from tick 100 to tick 400",
-        ),
+        ("replay fights.rec --worlds 3 --from 100 --to 400 --out fight.webm", "a film of world 3, ticks 100 to 400"),
     ]
     description = (
         "Play a recording again, bit for bit, and check that every tick is what was recorded. Print the statistics of "
@@ -42,7 +39,7 @@ def add(commands: Any) -> None:
         "events (--events)."
     )
     text = "replay a recording: verify it, or make a film, page or data of it"
-    command = commands.add_parser("replay", help=text, description=description, examples=examples)
+    command = commands.add_parser("replay", help=text, description=description, examples=examples, run=run)
     command.add_argument("file", type=path, help="the recording, made by `outlast rollout VARIANT --record FILE`")
     add_import(command, "the recording uses")
     text = "let the recorded worlds take as much memory as they need; otherwise 1 GiB is the limit, and more for a "
@@ -73,7 +70,6 @@ def add(commands: Any) -> None:
     part.add_argument("--no-verify", action="store_false", dest="verify", help=text)
     add_number(command.group(MACHINE), "--threads", 1, "threads that share the worlds, with the same results")
     add_quiet(command)
-    command.set_defaults(run=run)
 
 
 def _check_page(path: str) -> None:

@@ -22,14 +22,13 @@ def add(commands: Any) -> None:
         "compiled or run."
     )
     text = "print what happens in a tick of a game, as a table"
-    table = commands.add_parser("schedule", help=text, description=description, examples=examples)
+    table = commands.add_parser("schedule", help=text, description=description, examples=examples, run=run)
     add_scenario(table)
     kind = table.add_mutually_exclusive_group()
     text = "print the components instead, with the systems that write and read each"
     kind.add_argument("--components", action="store_true", help=text)
     text = "print the generated code instead, one function for each system"
     kind.add_argument("--source", action="store_true", help=text)
-    table.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Iterator
 from typing import Any, TextIO
 
-from ..progress import Messages
+from ..progress import CLOSED, Messages
 
 # the errors of a stream whose reader is gone: a pipe, also that of Windows, or the terminal of a lost connection
 GONE = (errno.EPIPE, errno.EIO, *([errno.EINVAL] if os.name == "nt" else []))
@@ -38,18 +38,11 @@ class _Standard(Messages):
         super().__init__(stream)
         self.raises = raises
 
-    def write(self, text: str) -> int:
-        self._attempt("write", text)
-        return len(text)
-
-    def flush(self) -> None:
-        self._attempt("flush")
-
-    def _attempt(self, name: str, *arguments: str) -> None:
+    def attempt(self, name: str, *arguments: str) -> Any:
         try:
-            getattr(self.stream, name)(*arguments)
-        except (OSError, ValueError, AttributeError) as error:  # of a replaced stream that is closed, or is none
-            with contextlib.suppress(OSError, ValueError, AttributeError):  # it is not a file
+            return getattr(self.stream, name)(*arguments)
+        except CLOSED as error:
+            with contextlib.suppress(*CLOSED):  # it is not a file
                 _plug(self.stream.fileno())
             if self.raises and isinstance(error, OSError) and error.errno not in GONE:
                 self.raises = False  # once is enough

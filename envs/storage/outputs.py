@@ -3,11 +3,23 @@
 All writers follow symbolic links: they replace the target of a link, and the link stays.
 """
 
+import contextlib
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from .atomic_write import temporary_path
+
+
+@contextlib.contextmanager
+def written_to(path: str | os.PathLike[str], error: type[Exception], more: str = "") -> Iterator[None]:
+    """Turn errors of the disk into `error`, which names the path that is written to. more: What follows the reason."""
+    try:
+        yield
+    except FileExistsError as reason:  # another process has written it, see atomic_write
+        raise error(f"{path} exists, {reason.strerror}") from reason
+    except OSError as reason:
+        raise error(f"{path} cannot be written: {reason.strerror or reason}{more}") from reason
 
 
 def check_file(

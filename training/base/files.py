@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from outlast.envs.storage import limited_read
 from outlast.envs.storage.atomic_write import atomic_write
-from outlast.envs.storage.outputs import check_file, check_folder
+from outlast.envs.storage.outputs import check_file, check_folder, written_to
 
 from .errors import TrainingError
 
@@ -64,9 +64,7 @@ def write_files(contents: Mapping[Path, bytes]) -> None:
     """Write files, each completely or not at all; none if one of them cannot be written. Raises TrainingError."""
     check_results(contents)
     for path, content in contents.items():
-        try:
+        with written_to(path, TrainingError):
             path.parent.mkdir(parents=True, exist_ok=True)
             with atomic_write(path) as place:
                 place.write_bytes(content)
-        except OSError as error:
-            raise TrainingError(f"{path} cannot be written: {error.strerror}") from error

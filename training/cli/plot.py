@@ -24,13 +24,12 @@ def add(commands: Any) -> None:
         "differ only in their seeds are one group, drawn as their mean and a band."
     )
     text = "draw the learning curves of runs, and tabulate their end values"
-    command = commands.add_parser("plot", help=text, description=description, examples=examples)
+    command = commands.add_parser("plot", help=text, description=description, examples=examples, run=run)
     text = "folder of a run, a folder with several of these, such as runs, or kept results: all of a folder, or one by "
     text += "its name, such as results/original/ffa_2-original-0"
     command.group(DRAWN).add_argument("runs", nargs="+", type=Path, metavar="RUN", help=text)
     names = {"type": _names}
     add_options(command, PlotOptions, out={"type": output(check_out)}, by=names, curves=names)
-    command.set_defaults(run=run)
 
 
 def _names(text: str) -> tuple[str, ...]:

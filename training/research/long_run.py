@@ -62,7 +62,7 @@ def add(commands: Any) -> None:
         ("long-run teams_3+bounty runs/teams_3+bounty-fast-0 --out long_run", "one run; write tables"),
         ("long-run teams_3+bounty --responses responses/0", "a run of `outlast train ... --opponents FILE.zip`"),
     ]
-    command = commands.add_parser("long-run", help=text, description=description, examples=examples)
+    command = commands.add_parser("long-run", help=text, description=description, examples=examples, run=run)
     group = command.group(DRAWN)
     group.add_argument("scenario", metavar="SCENARIO", help="the game that the runs were trained in")
     group.add_argument("runs", nargs="*", type=Path, metavar="RUN", help="folders of runs")
@@ -72,7 +72,6 @@ def add(commands: Any) -> None:
     group.add_argument("--episodes", type=positive, default=EPISODES, metavar="EPISODES", help=text)
     text = f"write {', '.join(FILES)} to this folder; what it has of other runs stays"
     command.group(OUTPUT).add_argument("--out", type=output(check_out), metavar="FOLDER", help=text)
-    command.set_defaults(run=run)
 
 
 def chosen(run: Path) -> list[Path]:

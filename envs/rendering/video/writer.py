@@ -14,7 +14,7 @@ from outlast.ecs.kernels.integers import is_whole
 from ...errors import FilmError
 from ...storage import atomic_write
 from ...storage.interrupts import interrupts_held
-from ...storage.outputs import check_file, check_folder
+from ...storage.outputs import check_file, check_folder, written_to
 from ..canvas import Image
 from ..rgb import FPS
 from .codecs import CODECS, Codec, find_ffmpeg
@@ -44,14 +44,11 @@ def write_film(path: str | os.PathLike[str], frames: Iterable[Image], fps: int =
     """
     given, codec = Path(path), check_film(path, fps)
     target, shapes = Path(os.path.realpath(given)), list[tuple[int, ...]]()
-    try:
-        with _temporary_folder(target) as folder:
-            temporary = folder / f"film{ending(given)}"
-            codec.write(temporary, _checked_frames(frames, codec, shapes), int(fps))
-            _verify(temporary, codec, shapes, given)
-            _replace(temporary, target)
-    except OSError as error:
-        raise FilmError(f"{given} cannot be written: {error.strerror or error}") from error
+    with written_to(given, FilmError), _temporary_folder(target) as folder:
+        temporary = folder / f"film{ending(given)}"
+        codec.write(temporary, _checked_frames(frames, codec, shapes), int(fps))
+        _verify(temporary, codec, shapes, given)
+        _replace(temporary, target)
     return len(shapes)
 
 

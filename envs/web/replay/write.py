@@ -16,7 +16,7 @@ from ...progress import Progress
 from ...recording import Recording, Replay
 from ...recording.reader import last_tick, rows_of
 from ...storage.atomic_write import atomic_write
-from ...storage.outputs import check_file
+from ...storage.outputs import check_file, written_to
 from ..assets import SHARED, assemble
 from .pack import PACKING, EpisodeTrack, PageRoom, pack
 
@@ -57,11 +57,8 @@ def save(target: Path, rooms: Sequence[PageRoom], title: str) -> None:
     if not all(any(room.recorded.values()) for room in rooms):
         raise PageError("there is nothing to show: not one tick")
     page = page_html(rooms, title)
-    try:
-        with atomic_write(target) as place:
-            place.write_text(page, encoding="utf-8", newline="\n")
-    except OSError as error:
-        raise PageError(f"{target} cannot be written: {error.strerror}") from error
+    with written_to(target, PageError), atomic_write(target) as place:
+        place.write_text(page, encoding="utf-8", newline="\n")
 
 
 def page_html(rooms: Sequence[PageRoom], title: str) -> str:
