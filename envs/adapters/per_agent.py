@@ -1,12 +1,10 @@
 """The bases of adapters: of all, of those of one world, and of those in which each agent is a sub-environment."""
 
 from collections.abc import Callable, Mapping
-from functools import cached_property
 from typing import Any
 
 import numpy as np
-from gymnasium.vector import AutoresetMode, VectorEnv
-from gymnasium.vector.utils import batch_space
+from gymnasium.vector import AutoresetMode
 
 from outlast.components import Return
 from outlast.ecs import NumberError, Worlds
@@ -16,7 +14,7 @@ from ..core.agents import agent_statistics
 from ..core.observations import each
 from ..core.validation import Array, as_array, check_choice, check_count, check_flags, reset_mask
 from ..core.validation import autoreset_mode as checked_mode
-from ..core.vector_env import Actions, Arrays, SurvivalVectorEnv
+from ..core.vector_env import Actions, Arrays, BatchedSpaces, SurvivalVectorEnv
 from ..errors import FaultError, NotResetError
 from ..rendering.rgb import Pictured
 from ..rendering.window import Window
@@ -98,23 +96,15 @@ class OneWorldAdapter(Adapter):
             self.render()
 
 
-class PerAgentVectorEnv(Adapter, VectorEnv[Arrays, Actions, Array]):
+class PerAgentVectorEnv(Adapter, BatchedSpaces):
     """Agents of every world as sub-environments, world by world. All agents of a world end and are reset together.
 
     base_env, a SurvivalVectorEnv without copies, ends episodes and resets worlds according to autoreset_mode. Under
     SAME_STEP, its own mode is NEXT_STEP: the adapter keeps the last observations and infos, and then resets the worlds
     itself; only worlds that were set to a state in which they have ended wait for the next step.
 
-    Args:
-        scenario: The scenario of all worlds, or its name.
-        num_worlds: How many worlds there are.
-        autoreset_mode: NEXT_STEP, SAME_STEP or DISABLED, or their values.
-        copy: Whether observations are copies rather than views of the engine's memory.
-        check_actions: Whether to check the range of actions.
-        check_joint: Whether base_env checks the range of the actions of all agents.
-        actions: "multi", "joint" or "continuous"; see action_spaces.ActionSpace. base_env has "multi".
-        action_masks: Whether info has masks.
-        options: Further arguments of base_env: seed, threads, render_mode, observations, scaled.
+    check_joint: Whether base_env checks the range of the actions of all agents. For the other arguments see
+    `outlast.adapters.make_agents`; base_env always has actions="multi".
     """
 
     def __init__(
@@ -146,16 +136,6 @@ class PerAgentVectorEnv(Adapter, VectorEnv[Arrays, Actions, Array]):
         self._actions, self._masked = ActionSpace(self.base_env.worlds, actions, action_masks), bool(action_masks)
         self.single_observation_space = self.base_env._reader.of_agent(chosen[0])
         self.single_action_space = self._actions.single
-
-    @cached_property
-    def observation_space(self) -> Any:  # type: ignore[override]
-        """`single_observation_space`, batched. Made on first use, as it takes as much memory as a batch does."""
-        return batch_space(self.single_observation_space, self.num_envs)
-
-    @cached_property
-    def action_space(self) -> Any:  # type: ignore[override]
-        """`single_action_space`, batched. Always the same object, as its generator goes on from sample to sample."""
-        return batch_space(self.single_action_space, self.num_envs)
 
     def reset(
         self, *, seed: int | list[int] | Array | None = None, options: dict[str, Any] | None = None

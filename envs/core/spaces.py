@@ -77,15 +77,11 @@ def published(worlds: Worlds, base: type[Component]) -> list[tuple[str, type[Com
 
 
 USES = {Observation: ("write", "add"), Action: ("read", "write")}  # a system has to do one of these with the component
-NEEDS: dict[type[Component], str] = {
-    Observation: "no system writes the observation {}, so agents would see zeros; its mechanic needs a system with a "
-    "parameter Write[{}]",
-    Action: "no system reads the action {}, so choosing it would do nothing; its mechanic needs a system with a "
-    "parameter Read[{}]",
-    Statistic: "no system writes the statistic {}, so it would be 0 in every episode; its mechanic needs a system with "
-    "a parameter Write[{}]",
-    Event: "no system emits the event {}, so it would never happen; its mechanic needs a system with a parameter "
-    "Write[{}]",
+NEEDS: dict[type[Component], tuple[str, str]] = {
+    Observation: ("writes the observation {}, so agents would see zeros", "Write"),
+    Action: ("reads the action {}, so choosing it would do nothing", "Read"),
+    Statistic: ("writes the statistic {}, so it would be 0 in every episode", "Write"),
+    Event: ("emits the event {}, so it would never happen", "Write"),
 }
 INFO = ("alive", "present", "action_mask", "final_obs", "final_info")  # entries of infos other than statistics
 
@@ -112,7 +108,7 @@ def check_published(worlds: Worlds) -> None:
                     'a row of one, as in column("f4", "agents", 1)'
                 )
             if component is not NumbersView and not any(s.touches(component, *USES[base]) for s in systems):
-                raise DeclarationError(NEEDS[base].format(f"{component.__qualname__}.{name}", component.__name__))
+                raise _unused(base, component, f".{name}")
     _check_fields(worlds)
     _check_signals(worlds)
     names = [*INFO, *worlds.layout.varied]
@@ -126,11 +122,18 @@ def check_published(worlds: Worlds) -> None:
         raise DeclarationError(f"two entries of info are called '{twice[0]}'; rename a column of a Statistic")
     for _, component, name, _ in published(worlds, Statistic):
         if not any(system.touches(component, *USES[Observation]) for system in systems):
-            raise DeclarationError(NEEDS[Statistic].format(f"{component.__qualname__}.{name}", component.__name__))
+            raise _unused(Statistic, component, f".{name}")
     for event in filter(is_outside, worlds.layout.events):
         # reading is enough, as the mechanic that emits it may be left out
         if not any(system.touches(event, "read", "write") for system in systems):
-            raise DeclarationError(NEEDS[Event].format(event.__qualname__, event.__name__))
+            raise _unused(Event, event)
+
+
+def _unused(base: type[Component], component: type[Component], column: str = "") -> DeclarationError:
+    """Return the error for what no system writes, reads or emits."""
+    text, access = NEEDS[base]
+    cure = f"its mechanic needs a system with a parameter {access}[{component.__name__}]"
+    return DeclarationError(f"no system {text.format(component.__qualname__ + column)}; {cure}")
 
 
 def _check_signals(worlds: Worlds) -> None:

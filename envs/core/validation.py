@@ -1,6 +1,6 @@
-"""Checks of callers' arguments, before anything changes: counts, seeds, masks, actions."""
+"""Checks of callers' arguments, before anything changes: counts, seeds, masks, actions; and tables of arrays."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -165,6 +165,11 @@ def _first(bad: Array, actions: Array, who: str, keys: Sequence[str]) -> tuple[s
     """Return the first bad action of (..., actions): its name, its index among an agent's actions, its value."""
     *agent, k = index = tuple(int(found[0]) for found in np.nonzero(bad))
     return f"action {k}{f' ({keys[k]})' if keys else ''} of {who.format(*agent)}", k, actions[index]
+
+
+def joined(tables: Sequence[Mapping[str, Any]]) -> dict[str, Array]:
+    """Concatenate tables, arrays by name, that have the same names; {} without any."""
+    return {name: np.concatenate([table[name] for table in tables]) for name in (tables[0] if tables else ())}
 
 
 def as_array(value: Any) -> Array:

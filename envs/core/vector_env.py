@@ -40,7 +40,21 @@ Stops = Callable[[], tuple[Actions, Actions]]
 Watcher = TypeVar("Watcher", bound=Observer)
 
 
-class SurvivalVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
+class BatchedSpaces(VectorEnv[Arrays, Actions, Array]):
+    """A VectorEnv whose batched spaces are made on first use, as they take as much memory as a batch does."""
+
+    @cached_property
+    def observation_space(self) -> Any:  # type: ignore[override]
+        """`single_observation_space`, batched."""
+        return batch_space(self.single_observation_space, self.num_envs)
+
+    @cached_property
+    def action_space(self) -> Any:  # type: ignore[override]
+        """`single_action_space`, batched. Always the same object, as its generator goes on from sample to sample."""
+        return batch_space(self.single_action_space, self.num_envs)
+
+
+class SurvivalVectorEnv(Pictured, BatchedSpaces):
     """Many worlds of a scenario as a gymnasium VectorEnv whose sub-environments are worlds.
 
     ## Description
@@ -383,16 +397,6 @@ class SurvivalVectorEnv(Pictured, VectorEnv[Arrays, Actions, Array]):
         if hasattr(self, "worlds"):  # it is missing if the constructor refused its arguments
             self._guard.wait()
             self._tracker.close()
-
-    @cached_property
-    def observation_space(self) -> Any:  # type: ignore[override]
-        """`single_observation_space`, batched. Made on first use, as it takes as much memory as a batch does."""
-        return batch_space(self.single_observation_space, self.num_worlds)
-
-    @cached_property
-    def action_space(self) -> Any:  # type: ignore[override]
-        """`single_action_space`, batched. Always the same object, as its generator goes on from sample to sample."""
-        return batch_space(self.single_action_space, self.num_worlds)
 
     @property
     def fields(self) -> Fields:

@@ -5,7 +5,7 @@ rewards and ends. Ticks that only reset a world are not samples. The observation
 sample; after the last step of an episode it is in `final`.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,7 +16,7 @@ from outlast.ecs import RESET, STEP, Clock, Observation, Worlds
 
 from ..core.agents import alive, counts_vary, present
 from ..core.spaces import published
-from ..core.validation import Array
+from ..core.validation import Array, joined
 from ..errors import RecordingError
 from ..recording import Recording, Replay
 from ..scenarios.fingerprint import fingerprint
@@ -87,16 +87,8 @@ class DatasetSamples:
 
 def concatenate(parts: list[DatasetSamples]) -> DatasetSamples:
     """Join the samples of `parts`."""
-
-    def together(tables: Iterable[dict[str, Array]]) -> dict[str, Array]:
-        listed = list(tables)
-        return {key: np.concatenate([table[key] for table in listed]) for key in listed[0]}
-
-    return DatasetSamples(
-        together(part.columns for part in parts),
-        together(part.observations for part in parts),
-        together(part.final for part in parts),
-    )
+    tables = [(part.columns, part.observations, part.final) for part in parts]
+    return DatasetSamples(*map(joined, zip(*tables, strict=True)))
 
 
 def read_samples(replay: Replay, selection: Selection) -> Iterator[DatasetSamples]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ..core.validation import Array
+from ..core.validation import Array, joined
 from ..errors import UsageError
 
 RESULTS = ("won", "drawn", "lost")
@@ -59,15 +59,8 @@ class Summary:
         lists = [part.kept for part in parts if part.kept is not None]
         kept = [each for some in lists for each in some] if len(lists) == len(parts) else None
         seconds = {name: sum(part.seconds[name] for part in parts) for name in ("policy", "worlds")}
-        parts = [part for part in parts if part.episodes]
-        sums, squares, counts = (
-            (
-                {key: np.concatenate([table[key] for table in tables]) for key in (tables[0] if tables else ())}
-                for tables in zip(*((part.sums, part.squares, part.counts) for part in parts), strict=True)
-            )
-            if parts
-            else ({}, {}, {})
-        )
+        tables = [(part.sums, part.squares, part.counts) for part in parts if part.episodes]
+        sums, squares, counts = map(joined, zip(*(tables or [({}, {}, {})]), strict=True))
         episodes = sum(part.episodes for part in parts)
         return cls(episodes, per_world, world_steps, sums, squares, counts, outcomes, kept, seconds)
 

@@ -14,13 +14,13 @@ import numpy as np
 from outlast.ecs import MemoryLayout
 
 from ..core.spaces import statistics
-from ..core.validation import Array
+from ..core.validation import Array, joined
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import UsageError, install
 from ..inspect.event_table import COLUMNS, event_table
 from ..storage.atomic_write import atomic_write
 from ..storage.interrupts import interrupts_held
-from ..storage.outputs import check_file
+from ..storage.outputs import check_file, written_to
 from .against import PLAYED, Against
 from .summary import MOMENTS, column_names
 
@@ -52,7 +52,7 @@ class TableFile:
         with interrupts_held():
             if self._waiting:
                 tables, self._waiting = self._waiting, []
-                self._writer.write({name: np.concatenate([table[name] for table in tables]) for name in tables[0]})
+                self._writer.write(joined(tables))
 
 
 @contextlib.contextmanager
@@ -73,35 +73,22 @@ def table_file(
             in its name, which the error names.
     """
     target = check_table(path, what, typed=types is not None)
-    held = contextlib.ExitStack()
-    try:
-        with held, atomic_write(target, new=True) as place, place.open("wb") as file:
-            writer = _Csv(file, columns) if target.suffix == ".csv" else _Parquet(file, columns, types or {})
-            table = TableFile(writer)
-            yield table
-            held.enter_context(interrupts_held())  # Ctrl-C waits until the file is in its place
-            table.flush()
-            writer.close()
-    except FileExistsError as error:
-        raise UsageError(f"{path} exists, {error.strerror}") from error
-    except OSError as error:
-        raise UsageError(f"{path} cannot be written: {error.strerror or error}; there are no {what}") from error
+    errors, held = written_to(path, UsageError, f"; there are no {what}"), contextlib.ExitStack()
+    with errors, held, atomic_write(target, new=True) as place, place.open("wb") as file:
+        writer = _Csv(file, columns) if target.suffix == ".csv" else _Parquet(file, columns, types or {})
+        table = TableFile(writer)
+        yield table
+        held.enter_context(interrupts_held())  # Ctrl-C waits until the file is in its place
+        table.flush()
+        writer.close()
 
 
 @contextlib.contextmanager
 def event_file(path: str, layout: MemoryLayout, first_world: int = 0) -> Iterator[Callable[..., None]]:
-    """Open a new file for events. Columns: see inspect.event_table.COLUMNS.
-
-    Args:
-        path: NAME.csv or NAME.parquet.
-        layout: The layout of the worlds.
-        first_world: Number of the first world.
+    """Open a new file NAME.csv or NAME.parquet for events, with COLUMNS of inspect.event_table; see `table_file`.
 
     Yields:
         A function that adds the events of a step, as returned by env.events(), of some worlds, bool (worlds,).
-
-    Raises:
-        UsageError: See table_file.
     """
     with table_file(path, "events", list(COLUMNS), EVENTS) as table:
         yield lambda events, where: table.add(event_table(layout, events, first_world, where))
@@ -113,10 +100,7 @@ def numbered(env: SurvivalVectorEnv, numbers: Array, against: Against | None = N
     It returns `world`, `episode` (of the world, from 1), with others what Against.played returns, and all statistics by
     name, (episodes,) or (episodes, n); masked arrays if some episodes lack agents or sides.
 
-    Args:
-        env: The environment.
-        numbers: Number of the episode that each world is in, from 1, int (worlds,).
-        against: Who plays, if there are others.
+    numbers: Number of the episode that each world is in, from 1, int (worlds,).
     """
 
     def rows(info: Mapping[str, Any], where: Array) -> dict[str, Array]:
@@ -138,24 +122,15 @@ def _cells(values: Array) -> Array:
 def episode_file(
     path: str, env: SurvivalVectorEnv, numbers: Array, against: Against | None = None
 ) -> Iterator[Ended[None]]:
-    """Open a new file for the episodes of a rollout. In the end it is complete, or not there.
+    """Open a new file NAME.csv for the episodes of a rollout; see `numbered` and `table_file`.
 
     Columns are `world`, `episode` (of the world, from 1), with others those of Against.played, and the statistics in
     alphabetical order. A statistic with an entry per agent or side has a column for each (return_0, return_1), which is
     empty if the episode had no such agent or side; that of a moment (first_death) is empty if it never came. Rows are
     in the order in which episodes end.
 
-    Args:
-        path: NAME.csv.
-        env: As for `numbered`.
-        numbers: As for `numbered`.
-        against: As for `numbered`.
-
     Yields:
         A function that adds a row for each episode that counts.
-
-    Raises:
-        UsageError: See table_file.
     """
     none = statistics(env.worlds, np.zeros(env.num_worlds, bool))
     keys = sorted(none)
@@ -175,11 +150,7 @@ def episode_file(
 
 
 def check_table(path: str | os.PathLike[str], what: str, typed: bool) -> Path:
-    """Return the path of a new table of `what`, if it can be written. typed: Whether it may be .parquet, too.
-
-    Raises:
-        UsageError: See table_file.
-    """
+    """Return the path of a new table, if it can be written. For arguments and errors see `table_file`."""
     target = check_file(path, what, UsageError, endings=TYPED if typed else (".csv",), new=True)
     if target.suffix == ".parquet" and find_spec("pyarrow") is None:
         raise UsageError(f"{target}: .parquet files need pyarrow: {install('data')}")
