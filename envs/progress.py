@@ -17,6 +17,8 @@ NARROW = "{percentage:3.0f}% {n_fmt} of {total_fmt}, {remaining} left{postfix}"
 WIDE = 72  # columns from which on there is room for a bar
 BESIDE = 2  # rows of the terminal that the bar and the shell's prompt take
 
+CLOSED = (OSError, ValueError, AttributeError)  # errors of a stream that is closed, or is none
+
 T = TypeVar("T")
 
 
@@ -32,20 +34,21 @@ class Messages:
 
     def write(self, text: str) -> int:
         """Write text, or drop it."""
-        with contextlib.suppress(OSError, ValueError, AttributeError):
-            self.stream.write(text)
+        self.attempt("write", text)
         return len(text)
 
     def flush(self) -> None:
         """Write what is buffered, or drop it."""
-        with contextlib.suppress(OSError, ValueError, AttributeError):
-            self.stream.flush()
+        self.attempt("flush")
 
     def isatty(self) -> bool:
         """Return whether it is a terminal."""
-        with contextlib.suppress(OSError, ValueError, AttributeError):
-            return bool(self.stream.isatty())
-        return False
+        return bool(Messages.attempt(self, "isatty"))
+
+    def attempt(self, name: str, *arguments: str) -> Any:
+        """Call a method of the stream, and return its result; None if it cannot do that."""
+        with contextlib.suppress(*CLOSED):
+            return getattr(self.stream, name)(*arguments)
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.stream, name)
@@ -100,13 +103,7 @@ class Progress:
         self._printed, self._printed_at = done, -math.inf  # the last line of a log: how much was done, and when
 
     def show(self, done: int, total: int | None = None, note: str = "") -> None:
-        """Show how much is done.
-
-        Args:
-            done: How much is done, including what was done before.
-            total: How much there is to do, if that has changed.
-            note: What is shown beside it.
-        """
+        """Show how much is done, what was done before included; how much there is to do now; and a note beside it."""
         self.done, self.total = done, self.total if total is None else total
         if self.bar is not None:
             self.bar.total = self.total or None

@@ -150,23 +150,9 @@ def write_film_of(
     progress: Count = lambda count: None,
     layers: Iterable[Layer] = (),
 ) -> Path:
-    """Write the film of the worlds `shown` while `played` runs them; see `film` and envs.rendering.video.footage.
+    """Write the film of the worlds `shown` while `played` runs them, and return its path; see `film` and `footage`.
 
-    Args:
-        out: Path of the film.
-        worlds: All worlds.
-        played: An iterator whose items each run the worlds for a tick; the first one has reset them.
-        shown: Numbers of the worlds to show; those that a mosaic has no room for are left out, with a message.
-        looks: How the film looks.
-        title: The game and who plays.
-        progress: Called after each frame with the number of frames so far.
-        layers: Layers to show besides those that `looks` asks for.
-
-    Returns:
-        The path.
-
-    Raises:
-        FilmError: An argument is not valid, or the film could not be written.
+    Worlds that a mosaic has no room for are left out, with a message. title: The game and who plays. Raises FilmError.
     """
     if looks.mosaic is not None and len(shown) > (room := looks.mosaic[0] * looks.mosaic[1]):
         LOGGER.warning("a mosaic of %dx%d has room for %d of the %d worlds", *looks.mosaic, room, len(shown))

@@ -110,19 +110,10 @@ class ActionSpace:
         who: str = "agent {1} in world {0}",
         what: str = "actions",
     ) -> Array:
-        """Return the actions that a learner passed, checked but not converted.
+        """Return the actions that a learner passed, checked but not converted; see validation.checked_actions.
 
-        Args:
-            given: For kind "multi" integers of any type (*shape, actions), for "joint" (*shape); for "continuous"
-                floats (*shape, actions).
-            shape: The shape of the agents.
-            ranges: Whether to check that each is in its range. Kind "continuous" is always checked.
-            axes: Names of the axes of `shape` in errors: "worlds, agents".
-            who: Format of an agent's name in errors, by its indices.
-            what: Name of `given` in errors.
-
-        Raises:
-            ActionError: The wrong shape or type, or an action that is out of range.
+        given: For kind "multi" integers of any type (*shape, actions), for "joint" (*shape); for "continuous" floats
+        (*shape, actions), whose range is always checked. shape, axes: Those of the agents, such as "worlds, agents".
         """
         if self.kind == "joint":
             axes = f"({axes})" if axes else "a single one"
@@ -160,13 +151,7 @@ class ActionSpace:
     def write(self, given: Any, actions: Array, ranges: bool = False) -> None:
         """Write a learner's actions for all agents of a batch into `actions`, integers (worlds, agents, actions).
 
-        Args:
-            given: As for `rows`.
-            actions: The target; unchanged if `given` is refused.
-            ranges: As for `rows`.
-
-        Raises:
-            ActionError: As for `rows`.
+        That is unchanged if they are refused; see `rows`.
         """
         plain = self.kind == "multi" and not ranges and isinstance(given, np.ndarray)
         # the usual actions are written without conversion
@@ -182,18 +167,7 @@ class ActionSpace:
             )
 
     def masks(self) -> Array:
-        """Return whether each value can have an effect in the next tick, or is that of `noop`: bool, a new array.
-
-        A value with False leads to exactly the same world as `noop`; one with True may still have no
-        effect. It is False while the weapon is cooling down, for `use`, `give` and `drop` with an empty bag, and for
-        all actions of dead agents.
-
-        Returns:
-            (worlds, agents, mask_size).
-
-        Raises:
-            UsageError: Actions are continuous.
-        """
+        """Return bool (worlds, agents, mask_size), a new array; see SurvivalVectorEnv.action_masks."""
         self.check_masked()
         return self._by_idle[self.idle() @ (1 << np.arange(len(self.keys)))]
 

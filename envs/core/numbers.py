@@ -32,15 +32,7 @@ def change_numbers(
     mask: Any,
     check_unrecorded: Callable[[], None],
 ) -> None:
-    """Set numbers; see SurvivalVectorEnv.set_numbers.
-
-    Args:
-        scenario: The scenario of the worlds.
-        worlds: Its worlds.
-        asked: Names and values.
-        mask: The worlds, for those that vary; None: all.
-        check_unrecorded: Raises RecordingError during a recording.
-    """
+    """Set numbers; see SurvivalVectorEnv.set_numbers. check_unrecorded: Raises RecordingError during a recording."""
     where = world_mask("mask", mask, worlds.count)
     full = by_full_name(scenario.find_number, asked)
     varied = {name: _chosen(name, value, where) for name, value in full.items() if name in worlds.layout.varied}

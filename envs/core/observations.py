@@ -94,7 +94,7 @@ class Observations:
         return found
 
     def check(self, out: Any, name: str = "out") -> Any:
-        """Return the caller's memory as numpy arrays, for `write`; see _checked. Raises ValueError."""
+        """Return the caller's memory as numpy arrays, for `write`; name: its name in errors. Raises ValueError."""
         self.check_fixed()
         return _checked(self.views, out, name)
 
@@ -176,20 +176,7 @@ def _write(observations: Mapping[str, Array], arrays: Any) -> None:
 
 
 def _checked(observations: Mapping[str, Array], out: Any, name: str = "out") -> Any:
-    """Return the caller's memory for observations.
-
-    Args:
-        observations: Observations by key, of shape (worlds, agents, ...).
-        out: A mapping with a float32 array of the same shape for each key, or one float32 array
-            (worlds, agents, numbers), `flat_size` numbers in order of the keys; see `writable`.
-        name: Name of `out` in errors.
-
-    Returns:
-        `out` as numpy arrays that share its memory.
-
-    Raises:
-        ValueError: `out` is neither.
-    """
+    """Return `out`, memory for observations by key or flat, as numpy arrays; see `writable`. Raises ValueError."""
     if not isinstance(out, Mapping):
         worlds, agents = next(iter(observations.values())).shape[:2]
         return writable(name, out, (worlds, agents, _flat_size(observations)))

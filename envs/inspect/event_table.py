@@ -37,13 +37,7 @@ def with_episodes(events: dict[str, Array], episodes: Array) -> dict[str, Array]
 def event_table(
     layout: MemoryLayout, events: Mapping[str, Array], first_world: int = 0, where: Array | None = None
 ) -> dict[str, Array]:
-    """Return one table of the events of some worlds.
-
-    Args:
-        layout: The layout of the worlds.
-        events: The events by name, as env.events() and Worlds.events() return them.
-        first_world: Number of the first world.
-        where: The worlds whose events are wanted, bool (worlds,); None: all.
+    """Return one table of events, as env.events() returns them, of the worlds `where`, bool (worlds,), or of all.
 
     Returns:
         The columns by name, see COLUMNS: arrays of int64 or of objects (str; in `amount`, float or None), with an entry

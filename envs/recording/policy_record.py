@@ -33,17 +33,7 @@ class Explainer(Protocol):
 
 
 class PolicyRecorder:
-    """A record of a policy's choices before each tick of an environment.
-
-    Args:
-        env: The environment.
-        policy: A policy with a method `explainer`, such as outlast.load_policy returns.
-        plays: A function that returns whether it plays each agent, bool (worlds, agents); None: all.
-
-    Raises:
-        RecordingError: The policy does not report its probabilities.
-        TrainingError: The policy does not fit the environment.
-    """
+    """A record of a policy's choices before each tick of an environment. For arguments and errors see `record`."""
 
     def __init__(self, env: SurvivalVectorEnv, policy: Any, plays: Callable[[], Array] | None = None) -> None:
         if not hasattr(policy, "explainer"):

@@ -229,12 +229,9 @@ def _import(header: dict[str, Any], name: str) -> None:
 
 
 def last_tick(recording: Recording, first: int, last: int | None) -> int:
-    """Return the number of the last tick of a selection. Raises RecordingError if the ticks do not exist.
+    """Return the number of the last tick of a selection, by default that of the recording.
 
-    Args:
-        recording: The recording.
-        first: Number of the first tick, from 0 on.
-        last: Number of the last tick; None: the last of the recording.
+    Raises RecordingError if the ticks do not exist.
     """
     given: list[Any] = [first, 0 if last is None else last]
     if strange := [tick for tick in given if not is_whole(tick)]:
@@ -250,16 +247,15 @@ def last_tick(recording: Recording, first: int, last: int | None) -> int:
     return end
 
 
-def rows_of(recording: Recording, worlds: Any) -> list[int]:
+def rows_of(recording: Recording, worlds: Any, first: int | None = None) -> list[int]:
     """Return the rows of these worlds in the tables. Raises RecordingError if the worlds do not exist.
 
-    Args:
-        recording: The recording.
-        worlds: Numbers of worlds as in tables of events and samples: from `first_world` on.
+    first: Number of the first world; None: that in tables of events and samples, `first_world`.
     """
     if not isinstance(worlds, Iterable):
         raise RecordingError(f"worlds = {worlds!r}: their numbers are needed, as in [0, 3]")
-    asked, first, last = list(worlds), recording.first_world, recording.first_world + recording.num_worlds - 1
+    asked, first = list(worlds), recording.first_world if first is None else first
+    last = first + recording.num_worlds - 1
     if odd := [w for w in asked if not is_whole(w)]:
         raise RecordingError(f"world {odd[0]!r}: integers are needed")
     if unknown := [w for w in asked if not first <= w <= last]:

@@ -63,12 +63,8 @@ class Recorder:
             worlds.dims.get(GIVEN_WORDS, 0),
         )
         header = _header(scenario, form, self._joint_actions, self._digests) | {"first_world": first_world}
-        if episodes is not None:
-            header["episodes"] = episodes
-        if played is not None:
-            header["played"] = played
-        if policy:
-            header["policy"] = policy.header
+        more = {"episodes": episodes, "played": played, "policy": policy and policy.header}
+        header |= {name: value for name, value in more.items() if value is not None}
         self._file = _Appender(self.path, header, form)
         # closes the file even if the process ends without close()
         self._finalizer = weakref.finalize(self, self._file.close)

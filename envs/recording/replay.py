@@ -7,7 +7,6 @@ import numpy as np
 
 from outlast.components import End
 from outlast.ecs import RESET, STEP, Clock, EngineError
-from outlast.ecs.kernels.integers import is_whole
 from outlast.ecs.memory.given import wrongly_given
 from outlast.ecs.memory.numbers import GIVEN_WORDS, Given
 
@@ -19,7 +18,7 @@ from ..errors import RecordingError, ReplayError, ScenarioError
 from ..inspect.event_table import with_episodes
 from ..rollout.summary import Summary
 from .digests import Digests
-from .reader import Recording, last_tick
+from .reader import Recording, last_tick, rows_of
 from .tick_records import KEY_SIZE, JointActions, TickRecord
 
 
@@ -106,12 +105,7 @@ class Replay:
         """
         if first or last is not None:
             last_tick(self.recording, first, last)
-        if worlds is not None and not isinstance(worlds, Iterable):
-            raise RecordingError(f"worlds = {worlds!r}: rows of the tables are needed, as in [0, 3]")
-        rows = None if worlds is None else list(worlds)
-        if wrong := [row for row in rows or () if not (is_whole(row) and 0 <= row < self.worlds.count)]:
-            raise RecordingError(f"worlds: row {wrong[0]!r} does not exist; they are 0 to {self.worlds.count - 1}")
-        return self._ticks(verify, first, last, rows)
+        return self._ticks(verify, first, last, None if worlds is None else rows_of(self.recording, worlds, 0))
 
     def _ticks(self, verify: bool, first: int, last: int | None, rows: list[int] | None) -> Iterator[int]:
         self._going = mine = object()

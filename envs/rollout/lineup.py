@@ -115,18 +115,10 @@ def copied_others(others: Others, memo: Any) -> Others:
 
 
 def load_policies(names: Sequence[str | Policy], asked: Scenario, seed: int) -> tuple[Scenario, list[str | Policy]]:
-    """Load saved policies, and find the scenario with observations that all policies can play with.
+    """Return the scenario with observations that all policies can play with, and what `loaded` returns.
 
-    Args:
-        names: Names of policies, paths of saved ones, or functions.
-        asked: The scenario.
-        seed: Seed of all policies; each draws its own random numbers.
-
-    Returns:
-        The scenario, and the names, in which the loaded policies replace paths.
-
-    Raises:
-        UsageError: A policy cannot play there, or PyTorch is not installed.
+    seed: Seed of all policies; each draws its own random numbers. Raises UsageError if a policy cannot play there, or
+    PyTorch is not installed.
     """
     chosen = loaded(names, seed)
     players: list[Any] = [each for each in chosen if hasattr(each, "scenario")]
@@ -151,13 +143,7 @@ def is_foreign(policy: str | Policy) -> bool:
 def own_policy(name: str) -> Callable[[SurvivalVectorEnv, int], Policy]:
     """Return a function (env, seed) that makes the policy which `is_own` is about; its file or module is imported.
 
-    Args:
-        name: "FILE.py:NAME" or "package.module:NAME", where NAME is a policy (observations) -> actions, or a function
-            (env) or (env, seed), whose first parameter is called env, that returns one.
-
-    Raises:
-        UsageError: It is not a function; or later, it returned another type.
-        ScenarioError: The name is unknown, or the file or module cannot be imported.
+    Raises UsageError as `maker_of` does; ScenarioError if the name is unknown, or the place cannot be imported.
     """
     place, _, member = name.rpartition(":")
     return maker_of(member_of(module_of(place), member, place, ()), name)
@@ -219,13 +205,7 @@ def role_of(side: Any, world: Any, episode: Any) -> Any:
 def own_side(world: Any, episode: Any, sides: Any) -> Any:
     """Return the one side that a policy plays against all others; with two sides, the one that role 0 plays.
 
-    Args:
-        world: Numbers of worlds, as in `ecs.Clock`.
-        episode: Numbers of their episodes.
-        sides: How many sides there are, in all worlds or in each.
-
-    Returns:
-        A number from 0 to sides - 1, a different one in the next world and in the next episode.
+    It is another one in the next world and in the next episode. sides: How many there are, in all worlds or in each.
     """
     return (world + episode) % sides
 

@@ -32,14 +32,8 @@ def rollout(
 ) -> Summary:
     """Reset everything, and play and summarise as outlast.rollout does, which describes the arguments.
 
-    Args:
-        env: Worlds that restart by themselves.
-        policy: See memory.told.
-        steps: See outlast.rollout.
-        progress: See outlast.rollout.
-        episodes: How many episodes of each world; without effect if `steps` are given.
-        watch: See outlast.rollout. It can look at the environment, at env.events() for example.
-        ended: Called when episodes end, with info and the worlds in which an ended episode counts, bool (worlds,).
+    env: Worlds that restart by themselves. policy: See memory.told. ended: Called when episodes end, with info and the
+    worlds in which an ended episode counts, bool (worlds,).
     """
     summary = Summary(episodes_per_world=0 if steps else episodes)
     remaining = np.full(

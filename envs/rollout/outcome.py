@@ -39,14 +39,9 @@ class Standings:
 
 
 def own_wins(come: Array, own: Array) -> Array:
-    """Return whether one side of each world wins against all others; see `wins`.
+    """Return whether one side of each world, `own`, wins against all others: 1, 0, or 0.5 for a draw, float64.
 
-    Args:
-        come: How far each side came, (worlds, sides).
-        own: The one side of each world, (worlds,).
-
-    Returns:
-        float64 (worlds,): 1 where it wins, 0 where another side does, 0.5 for a draw.
+    come: How far each side came, (worlds, sides).
     """
     mine = own[:, None] == np.arange(come.shape[1])
     return wins(np.stack([np.where(each, come, -np.inf).max(1) for each in (mine, ~mine)], 1))[:, 0]
@@ -55,15 +50,10 @@ def own_wins(come: Array, own: Array) -> Array:
 def shares_beaten(come: Array, own: Array, sides: Array) -> Array:
     """Return the share of the other sides that one side of each world came farther than, by living longer or otherwise.
 
-    For sides that play equally well it is 1/2 on average for any number; for two sides it is `own_wins`.
+    For sides that play equally well it is 1/2 on average for any number; for two sides it is `own_wins`, which has the
+    same arguments and form. A side that came equally far counts half.
 
-    Args:
-        come: How far each side came, (worlds, sides).
-        own: The one side of each world, (worlds,).
-        sides: How many sides each world has, at least 2, (worlds,); those beyond are absent.
-
-    Returns:
-        float64 (worlds,): the share; a side that came equally far counts half.
+    sides: How many sides each world has, at least 2, (worlds,); those beyond are absent.
     """
     number = np.arange(come.shape[1])
     others = (number < sides[:, None]) & (number != own[:, None])
@@ -71,13 +61,9 @@ def shares_beaten(come: Array, own: Array, sides: Array) -> Array:
 
 
 def wins(come: Array) -> Array:
-    """Return who wins: the role whose best side came farther.
+    """Return who wins, the role whose best side came farther: 1, 0 for the other role, 0.5 for both in a draw, float64.
 
-    Args:
-        come: How far the best side of each role came, (..., roles).
-
-    Returns:
-        float64 of the same shape: 1 for the winner, 0 for the other role, 0.5 for both in a draw.
+    come: How far the best side of each role came, (..., roles).
     """
     return _beats(come, come[..., ::-1])
 

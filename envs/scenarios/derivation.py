@@ -101,10 +101,7 @@ def titles(origin: Any, made: Any) -> tuple[str, str]:
 def differing(origin: Any, made: Any, short: bool) -> list[str]:
     """Return the changes of a derived scenario, including what differs from world to world and from agent to agent.
 
-    Args:
-        origin: The scenario that it was derived from.
-        made: The derived scenario.
-        short: Whether to write changes for a name, "n_agents=2..6", rather than as typed, "n_agents=integers(2, 6)".
+    short: Whether to write changes for a name, "n_agents=2..6", rather than as typed, "n_agents=integers(2, 6)".
     """
     changed = changes(origin.modules, made.modules, origin.root.numbers())
     changed += [f"ordered {' '.join(chain)}" for chain in made.order if chain not in origin.order]

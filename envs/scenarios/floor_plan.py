@@ -318,18 +318,9 @@ def _real(name: str, number: Any) -> float:
 
 
 def _drawn(text: str, cell: float, signs: Collection[str]) -> tuple[list[tuple[str, Rectangle]], int, int]:
-    """Return the rectangles of each sign in a drawing.
+    """Return sign and place of each rectangle in a drawing, metres, and its numbers of columns and rows.
 
-    Args:
-        text: The lines of the drawing; blank lines around them and their common indentation are ignored.
-        cell: Side of the square that a character stands for, metres.
-        signs: The characters that mean something, apart from those of floor.
-
-    Returns:
-        Sign and (x, y, width, height, angle) of each rectangle, metres; the drawing's numbers of columns and rows.
-
-    Raises:
-        ScenarioError: A character has no meaning, or the text is empty.
+    signs: The characters that mean something, apart from those of floor. For the rest see FloorPlan.from_text.
     """
     lines = [line.rstrip() for line in textwrap.dedent(text).splitlines()]
     while lines and not lines[0]:
@@ -372,14 +363,8 @@ def _cut_out(grid: list[list[str]], row: int, column: int, sign: str) -> tuple[i
 def parts_of(walls: Iterable[Any], starts: Sequence[Any], width: float, room: tuple[float, float]) -> list[Part]:
     """Return the parts of a floor, the largest first; see FloorPlan.parts.
 
-    Args:
-        walls: Rectangles (x, y, width, height, angle), metres and radians.
-        starts: Rectangles of the start areas, in the same form.
-        width: The diameter of the disc, metres.
-        room: Width and height of the floor, metres.
-
-    Raises:
-        ScenarioError: Width or room is missing, or lattice points would be farther apart than the disc's radius.
+    walls, starts: Rectangles (x, y, width, height, angle), metres and radians. Raises ScenarioError if width or room is
+    0, or lattice points would be farther apart than the disc's radius.
     """
     step = max(width / CELLS, max(room) / LATTICE)
     if not (width > 0 and min(room) > 0 and step <= width / 2):
@@ -404,10 +389,7 @@ def parts_of(walls: Iterable[Any], starts: Sequence[Any], width: float, room: tu
 def in_words(parts: Sequence[Part], owners: Sequence[float | str], width: float) -> str:
     """Return a text that a floor has several parts, where they are and who starts there; "" if there is at most one.
 
-    Args:
-        parts: See `parts_of`.
-        owners: Who starts in each start area: a side, or "items".
-        width: The diameter of the disc, metres.
+    owners: Who starts in each start area: a side, or "items". width: The diameter of the disc, metres.
     """
     if len(parts) < 2:
         return ""

@@ -443,15 +443,9 @@ def _check_mechanics(scenario: str, modules: Iterable[Any]) -> None:
 
 
 def _check_together(scenario: str, modules: Sequence[Module]) -> None:
-    """Check that all mechanics can be in one scenario.
+    """Raise ScenarioError if two mechanics take one slot, two have a name in common, or a number scales with none.
 
-    Args:
-        scenario: The name that errors begin with.
-        modules: Its mechanics.
-
-    Raises:
-        ScenarioError: Two take the same slot; two mechanics or numbers have the same name; or a number scales with one
-            that no imported mechanic has.
+    scenario: The name that errors begin with.
     """
     taken: dict[type, Module] = {}
     owners: dict[str, Module] = {}

@@ -232,9 +232,9 @@ def test_some_ticks_of_some_worlds(tmp_path: Path) -> None:
         ({"last": -1}, "ticks 0 to -1"),
         ({"last": 5}, "ticks 0 to 5"),
         ({"first": 1.5}, "tick 1.5: integers are needed"),
-        ({"worlds": [0, 3]}, "row 3 does not exist; they are 0 to 2"),
-        ({"worlds": [-1]}, "row -1 does not exist"),
-        ({"worlds": 0}, r"worlds = 0: rows of the tables are needed, as in \[0, 3\]"),
+        ({"worlds": [0, 3]}, "world 3 does not exist; they are 0 to 2"),
+        ({"worlds": [-1]}, "world -1 does not exist"),
+        ({"worlds": 0}, r"worlds = 0: their numbers are needed, as in \[0, 3\]"),
     ],
 )
 def test_ticks_and_worlds_that_there_are_not_are_refused(tmp_path: Path, asked: dict[str, Any], message: str) -> None:
