@@ -21,18 +21,14 @@ SIZE = 1
 Sized = kind("Sized", dims=lambda self: {"sized": SIZE})  # tables that depend on a global
 
 
-def test_batches_of_a_game_share_its_layout_and_machine_code() -> None:
-    one, other = (outlast.variant("teams_4").replace(ending_limit=77).worlds(count) for count in (1, 5))
-    assert one.layout is other.layout
+@pytest.mark.parametrize("options", [{"specialize": True}, {"interpret": "heals.heal"}, {"without": (Phase.OBSERVE,)}])
+def test_batches_of_a_game_share_its_layout_and_machine_code(options: dict[str, Any]) -> None:
+    """But those that are made otherwise."""
+    scenario = outlast.variant("teams_4").replace(ending_limit=77)
+    one, other = (scenario.worlds(count) for count in (1, 5))
+    assert one.layout is other.layout is not scenario.worlds(1, **options).layout
     assert one.schedule is other.schedule
     assert one.source() == other.source()
-
-
-@pytest.mark.parametrize("options", [{"specialize": True}, {"interpret": "heals.heal"}, {"without": (Phase.OBSERVE,)}])
-def test_what_is_made_otherwise_has_a_plan_of_its_own(options: dict[str, Any]) -> None:
-    scenario = outlast.variant("ffa_1")
-    assert scenario.worlds(1).layout is scenario.worlds(1).layout
-    assert scenario.worlds(1, **options).layout is not scenario.worlds(1).layout
 
 
 def test_equal_numbers_that_differ_have_one_each() -> None:

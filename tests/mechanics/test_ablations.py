@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 
-import outlast
 from outlast import ABLATIONS, make_vec, variant
 from outlast.components import Body
 from outlast.ecs import NumberError
@@ -57,6 +56,14 @@ def test_a_capped_health_loses_what_is_above() -> None:
     assert health("ffa_4+health_cap") == [95, 100]
 
 
+def test_a_limit_of_one_hit_point_is_a_limit() -> None:
+    """0 is none, and nothing else."""
+    game = ScenarioBuilder("ffa_1", agents_health=1, mortality_limit=1, safe_zone_damage=0)
+    game.hand(0, "heal", 0)
+    assert game.step({0: "use"}).health(0) == 1
+    assert game.bag(0) == []
+
+
 def test_a_cap_below_the_initial_health_is_refused() -> None:
     with pytest.raises(NumberError, match="agents begin with 100"):
         make_vec(variant("ffa_1").replace(mortality_limit=99), 1)
@@ -100,24 +107,19 @@ def test_a_bounty_is_paid_to_the_killer() -> None:
     assert game.done  # the last one alive ends it
 
 
-@pytest.fixture(scope="module")
-def steered() -> outlast.envs.core.vector_env.SurvivalVectorEnv:
-    return make_vec("ffa_1+steering", 32, seed=0)
-
-
-def test_velocity_follows_the_action_at_once(steered: outlast.envs.core.vector_env.SurvivalVectorEnv) -> None:
+def test_velocity_follows_the_action_at_once() -> None:
     """In the agent's own frame; what is left of it after a tick is up to damping."""
-    rng = np.random.default_rng(0)
-    steered.reset()
-    body, n = steered.worlds[Body], slice(0, 2)
+    env, rng = make_vec("ffa_1+steering", 32, seed=0), np.random.default_rng(0)
+    env.reset()
+    body, n = env.worlds[Body], slice(0, 2)
     body.x[:, n], body.y[:, n] = [-3, 3], 0
     body.angle[:, n] = rng.uniform(-3, 3, (32, 2))
     body.cosine[:, n], body.sine[:, n] = np.cos(body.angle[:, n]), np.sin(body.angle[:, n])
     frame = np.exp(1j * body.angle[:, n].astype(float))
     body.vx[:, n], body.omega[:, n] = 7.0, -2.0  # overwritten
-    actions = rng.integers(0, steered.action_sizes, (32, 2, 6))
+    actions = rng.integers(0, env.action_sizes, (32, 2, 6))
     actions[..., 3:] = 0
-    steered.step(actions)
+    env.step(actions)
     ahead, left, turn = np.moveaxis((actions[..., :3] - 3) / 3, -1, 0)
     left_over = (1 - 0.8 / 60) ** 2
     want = 5 * (ahead + 1j * left) * frame * left_over

@@ -20,7 +20,7 @@ from tests.helpers.execution_modes import assert_played_alike
 from tests.helpers.naive_geometry import NO_HIT, ray_box
 
 WORLDS, LIMIT = scaled(60, least=3), scaled(140, least=25)
-CELLS, NEED = 5, 0.7
+CELLS, NEED = 5, 0.75
 KEYS = (
     "ticks_alive", "distance_travelled", "cells_visited", "enemy_distance", "mate_distance", "enemy_in_view",
     "outside_zone", "strikes", "strikes_landed", "damage_dealt", "heals_in_need",

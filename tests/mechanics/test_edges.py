@@ -23,7 +23,7 @@ GAMES: dict[str, tuple[str, dict[str, Any]]] = {
     "ffa as written": ("ffa_4", AS_WRITTEN),
     "teams as written": ("teams_4", AS_WRITTEN | {"mortality_limit": 100, "cameras_mode": "masked"}),
 }
-SOME = settings(max_examples=600 if COMPILED else 20, deadline=None, derandomize=True)
+SOME = settings(max_examples=350 if COMPILED else 20, deadline=None, derandomize=True)
 EVENTS: dict[str, Callable[[Outcome, Outcome], bool]] = {
     "several at the same place": lambda got, want: len(set(places(want))) < len(places(want)),
     "all are dead": lambda got, want: not any(agent.here for agent in got.world.of("agent")),

@@ -1,4 +1,4 @@
-"""Bodies that touch nothing, the limits of what physics takes, and the numbers that it hands to Box2D."""
+"""Limits of what physics takes, masses, and bodies at the edges of rooms and of the plane."""
 
 import math
 from pathlib import Path
@@ -15,8 +15,6 @@ from outlast.envs.errors import FaultError
 from outlast.systems import physics
 from outlast.systems.box2d import batch
 from tests.helpers.scenario_builder import ScenarioBuilder
-
-F4 = np.float32
 
 
 @pytest.mark.parametrize("column", ["x", "y", "vx", "vy", "omega"])

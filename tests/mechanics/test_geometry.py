@@ -17,7 +17,7 @@ from outlast.systems.geometry.points import gap_circle_box, in_kite, in_sector
 from outlast.systems.geometry.rays import NO_HIT, ray_box, ray_circle
 from tests.helpers import naive_geometry as naive
 
-COUNT = 10_000 if numba.config.DISABLE_JIT else 150_000
+COUNT = 10_000 if numba.config.DISABLE_JIT else 50_000
 TOLERANCE = 1e-5
 # Elsewhere either compiler may fuse multiply and add; then only the tolerance holds.
 SAME_BITS = platform.machine() in ("x86_64", "AMD64")

@@ -17,7 +17,7 @@ from tests.helpers.naive_world import read
 from tests.helpers.random_worlds import PILLARS, RUNS, TEXT, scramble
 
 WORLDS = scaled(60, least=3)
-FEW = scaled(16, least=2)  # that the naive form looks at
+FEW = scaled(8, least=2)  # that the naive form looks at
 EMPTY = variant("ffa_1").replace(safe_zone_damage=0)
 IDLE = [1, 1, 1, 0, 0, 0]
 
@@ -51,7 +51,6 @@ NAIVE: dict[str, Scenario] = {
 
 
 @pytest.mark.parametrize("name", NAIVE)
-@pytest.mark.by_day(2)
 def test_distances_are_those_of_the_naive_form(name: str) -> None:
     """In random worlds, crowded or not, with dead agents and items anywhere, and a tick later."""
     env, rng = make_vec(NAIVE[name], FEW, seed=5), np.random.default_rng(6)

@@ -17,7 +17,7 @@ from tests.helpers.contact_batches import corners_of, random_polygon
 
 FAR = np.float32(2)
 ENOUGH = 1e-4  # metres: where an answer turns, rounding decides
-WORLDS = scaled(20, least=4)
+WORLDS = scaled(10, least=4)
 
 
 class Answers(Singleton):

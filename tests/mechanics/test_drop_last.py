@@ -1,4 +1,4 @@
-"""Actions that stand alone, against plain Python."""
+"""`DropLast`, which is in no variant, against plain Python."""
 
 import numpy as np
 import pytest
@@ -10,11 +10,9 @@ from outlast.systems import DropLast
 from tests.helpers import naive_mechanics
 from tests.helpers.naive_world import TOLERANCE, read
 from tests.helpers.random_worlds import RUNS
-from tests.helpers.scenario_builder import ScenarioBuilder
 
 
-def test_the_optional_drop_lays_the_last_item_ahead() -> None:
-    """`DropLast` is in no variant."""
+def test_the_last_item_lies_ahead() -> None:
     env = outlast.make_vec(outlast.variant("teams_4").replace(**RUNS).with_(DropLast(offset=1.5)), 20, seed=4)
     tables, rng, agents = env.worlds, np.random.default_rng(4), range(env.num_agents)
     env.reset()
@@ -40,11 +38,3 @@ def test_the_optional_drop_lays_the_last_item_ahead() -> None:
                 item, (x, y) = after.entities[agent.bag[-1]], naive_mechanics.ahead(agent, 1.5)
                 assert (item.here, item.holder) == (True, -1)
                 assert (item.x, item.y) == pytest.approx((agent.x + x, agent.y + y), abs=TOLERANCE)
-
-
-def test_a_limit_of_one_hit_point_is_a_limit() -> None:
-    """0 is none, and nothing else."""
-    game = ScenarioBuilder("ffa_1", agents_health=1, mortality_limit=1, safe_zone_damage=0)
-    game.hand(0, "heal", 0)
-    assert game.step({0: "use"}).health(0) == 1
-    assert game.bag(0) == []
