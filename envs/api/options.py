@@ -73,7 +73,9 @@ class RolloutOptions:
         python="Also as a dict: {policy: weight}. `outcomes` of the summary counts who wins against each.",
     )
     seed: int = _seed(takes="int | None = None")
-    csv: str | None = _file("write a table with a row for each episode and all its statistics to a new file, NAME.csv")
+    csv: str | None = _file(
+        "write a table with a row for each episode and all its statistics to a new file, NAME.csv or NAME.parquet"
+    )
     events: str | None = _file(
         "write a table of events (who hit, killed, used, gave or broke what) to a new file, NAME.csv or NAME.parquet"
     )

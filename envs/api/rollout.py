@@ -99,7 +99,7 @@ def rollout(
             policy, which pages of `outlast replay --html` show.
         events: Write a table of events (who hit, killed, used, gave or broke what) to a new file, NAME.csv or
             NAME.parquet.
-        csv: Write a table with a row for each episode and all its statistics to a new file, NAME.csv.
+        csv: Write a table with a row for each episode and all its statistics to a new file, NAME.csv or NAME.parquet.
         keep: Whether to keep the statistics of each episode, for `arrays` of the summary.
         specialize: Whether to compile for this game alone: steps are faster, but compiling takes some ten seconds the
             first time.

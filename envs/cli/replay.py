@@ -58,9 +58,7 @@ def add(commands: Any) -> None:
     text += "place of a list for each kind"
     output.add_argument("--flat", action="store_true", help=text)
     text = "write a table of what happened to a new file, NAME.csv or NAME.parquet"
-    output.add_argument(
-        "--events", type=written(partial(check_table, what="events", typed=True)), metavar="FILE", help=text
-    )
+    output.add_argument("--events", type=written(partial(check_table, what="events")), metavar="FILE", help=text)
     text = "numbers of the worlds to write, such as 0,3 (default: for --out the first 16, or as many as --mosaic has "
     text += "room for; for --html the first; otherwise all)"
     part.add_argument("--worlds", type=numbers, metavar="W,W", help=text)

@@ -54,7 +54,7 @@ def add(commands: Any) -> None:
     text = "run a policy in many worlds and print the episodes' statistics"
     command = commands.add_parser("rollout", help=text, description=description, examples=examples, run=run)
     add_scenario(command)
-    csv, events = (partial(check_table, what=what, typed=what == "events") for what in ("episodes", "events"))
+    csv, events = (partial(check_table, what=what) for what in ("episodes", "events"))
     add_options(command, RolloutOptions, csv={"type": written(csv)}, events={"type": written(events)})
     output = command.group(OUTPUT)
     text = "write the statistics and the options of the rollout to a new file, NAME.json; with -, print them instead "

@@ -29,8 +29,9 @@ Result = TypeVar("Result")
 # called with info, and with the worlds in which an ended episode counts
 Ended = Callable[[Mapping[str, Any], Array], Result]
 
-TYPED = (".csv", ".parquet")  # endings of the files that tables can be written to
+ENDINGS = (".csv", ".parquet")  # of the files that tables can be written to
 EVENTS = {"world": "int64", "episode": "int64", "tick": "int64", "amount": "float64"}  # Arrow's types of columns
+EPISODES = {"world": "int64", "episode": "int64", "own_side": "int64"}  # the same; statistics have their own
 ROWS = 100_000  # rows kept in memory, and written together
 
 
@@ -56,13 +57,11 @@ class TableFile:
 
 
 @contextlib.contextmanager
-def table_file(
-    path: str, what: str, columns: Sequence[str], types: Mapping[str, str] | None = None
-) -> Iterator[TableFile]:
+def table_file(path: str, what: str, columns: Sequence[str], types: Mapping[str, str]) -> Iterator[TableFile]:
     """Open a new file for a table. In the end it is complete, or not there.
 
     Args:
-        path: NAME.csv; with `types`, NAME.parquet, too.
+        path: NAME.csv or NAME.parquet.
         what: What the rows are, for messages: "events".
         columns: Names of the columns.
         types: Arrow's names of the types in a .parquet file, by column; the others hold text.
@@ -72,10 +71,10 @@ def table_file(
             missing for .parquet. If another process has made the file, the rows are in a file with a number
             in its name, which the error names.
     """
-    target = check_table(path, what, typed=types is not None)
+    target = check_table(path, what)
     errors, held = written_to(path, UsageError, f"; there are no {what}"), contextlib.ExitStack()
     with errors, held, atomic_write(target, new=True) as place, place.open("wb") as file:
-        writer = _Csv(file, columns) if target.suffix == ".csv" else _Parquet(file, columns, types or {})
+        writer = _Csv(file, columns) if target.suffix == ".csv" else _Parquet(file, columns, types)
         table = TableFile(writer)
         yield table
         held.enter_context(interrupts_held())  # Ctrl-C waits until the file is in its place
@@ -122,7 +121,7 @@ def _cells(values: Array) -> Array:
 def episode_file(
     path: str, env: SurvivalVectorEnv, numbers: Array, against: Against | None = None
 ) -> Iterator[Ended[None]]:
-    """Open a new file NAME.csv for the episodes of a rollout; see `numbered` and `table_file`.
+    """Open a new file for the episodes of a rollout; see `numbered` and `table_file`.
 
     Columns are `world`, `episode` (of the world, from 1), with others those of Against.played, and the statistics in
     alphabetical order. A statistic with an entry per agent or side has a column for each (return_0, return_1), which is
@@ -134,24 +133,24 @@ def episode_file(
     """
     none = statistics(env.worlds, np.zeros(env.num_worlds, bool))
     keys = sorted(none)
-    names = [name for key in keys for name in column_names(key, none[key])]
+    types = {name: none[key].dtype.name for key in keys for name in column_names(key, none[key])}
     rows = numbered(env, numbers, against)
     firsts = ["world", "episode", *(PLAYED if against else ())]
-    with table_file(path, "episodes", [*firsts, *names]) as table:
+    with table_file(path, "episodes", [*firsts, *types], EPISODES | types) as table:
 
         def add(info: Mapping[str, Any], where: Array) -> None:
             if where.any():
                 own = rows(info, where)
                 own |= {key: np.ma.masked_equal(own[key], 0) for key in keys if key in MOMENTS}
                 columns = [column for key in keys for column in _cells(own[key]).reshape(where.sum(), -1).T]
-                table.add({name: own[name] for name in firsts} | dict(zip(names, columns, strict=True)))
+                table.add({name: own[name] for name in firsts} | dict(zip(types, columns, strict=True)))
 
         yield add
 
 
-def check_table(path: str | os.PathLike[str], what: str, typed: bool) -> Path:
+def check_table(path: str | os.PathLike[str], what: str) -> Path:
     """Return the path of a new table, if it can be written. For arguments and errors see `table_file`."""
-    target = check_file(path, what, UsageError, endings=TYPED if typed else (".csv",), new=True)
+    target = check_file(path, what, UsageError, endings=ENDINGS, new=True)
     if target.suffix == ".parquet" and find_spec("pyarrow") is None:
         raise UsageError(f"{target}: .parquet files need pyarrow: {install('data')}")
     return target

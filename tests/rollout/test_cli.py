@@ -263,7 +263,7 @@ LINES = {
     f"{FEW} --policy nobody": f"nobody: did you mean noop? {', '.join(POLICIES)} or a saved policy",
     f"{FEW} --policy nowhere.zip": "nowhere.zip",
     f"{FEW} --others scripted:x": "the weight of scripted is 'x'",
-    f"{FEW} --csv a.parquet": "episodes are written as NAME.csv",
+    f"{FEW} --csv a.txt": "episodes are written as NAME.csv or NAME.parquet",
     f"{FEW} --record nowhere/a.rec": "nowhere/a.rec cannot be written: there is no folder nowhere",
     "rollout ffa_9": "there is no variant 'ffa_9'; did you mean ffa_4 or ffa_3? known: ffa_1, ",
     "rollout nowhere.py:arena": "nowhere.py",

@@ -322,7 +322,7 @@ def test_the_summary_says_what_differs(capsys, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("option", "name", "words"),
     [
-        ("--csv", "a.txt", "episodes are written as NAME.csv"),
+        ("--csv", "a.txt", "episodes are written as NAME.csv or NAME.parquet"),
         ("--csv", "a.csv", "episodes never overwrite files"),
         ("--csv", "none/b.csv", "there is no folder"),
         ("--json", "a.txt", "summaries are written as NAME.json"),
@@ -380,6 +380,19 @@ def test_what_a_full_disk_stops_is_reported_as_stopped(capsys, tmp_path: Path, m
     assert status == 2
     assert "there are no episodes" in err
     assert "episodes ended; those cut off at the end are missing, so means lean towards short episodes" in out
+
+
+def test_parquet_has_the_same_episodes_with_types(tmp_path: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet", reason="needs pyarrow: outlast[data]")
+    for name in ("a.csv", "a.parquet"):
+        outlast.rollout("ffa_2", "noop", others="scripted", worlds=4, csv=tmp_path / name, **QUICK)
+    table, rows = parquet.read_table(tmp_path / "a.parquet"), rows_of(tmp_path / "a.csv")
+    types = {field.name: str(field.type) for field in table.schema}
+    assert list(types) == list(rows[0])
+    assert {types[name] for name in ("world", "episode", "own_side")} == {"int64"}
+    assert (types["against"], types["return_0"]) == ("string", "double")
+    for found, row in zip(table.to_pylist(), rows, strict=True):
+        assert {name: "" if value is None else str(value) for name, value in found.items()} == row
 
 
 def test_one_file_is_not_written_twice(tmp_path: Path) -> None:
