@@ -429,6 +429,15 @@ def test_evaluate_prints_tables_and_writes_them(capsys, tmp_path: Path) -> None:
     assert not [path for path in out.iterdir() if path.suffix not in (".json", ".csv")]
 
 
+def test_columns_of_many_policies_are_written_rather_than_printed(capsys, tmp_path: Path) -> None:
+    policies, small = ("noop", "random", "camper", "healer", "hoarder"), ("--episodes", 2, "--worlds", 2, *EARLY)
+    assert evaluate("ffa_2", *policies, *small, "--out", tmp_path / "out") == 0
+    printed = capsys.readouterr().out
+    assert "wins of, against" in printed
+    assert "deaths_zone" not in printed
+    assert {"hoarder"} <= {row["policy"] for row in rows_of(tmp_path / "out/figures.csv")}
+
+
 @pytest.mark.nightly
 def test_films_show_a_typical_episode_of_each_pairing(capsys, tmp_path: Path) -> None:
     small = ("--episodes", 6, "--worlds", 2, *EARLY, "--quiet")

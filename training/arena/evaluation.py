@@ -258,15 +258,17 @@ def play(evaluation: Evaluation, folder: Path | None, hidden: Path | None, *, qu
                 write_tables(evaluation, folder)
 
 
-def text(evaluation: Evaluation, width: int | None = None) -> str:
+def text(evaluation: Evaluation, width: int | None = None, most: int | None = None) -> str:
     """Return all tables under a heading; the tables cover the complete pairings.
 
-    width: characters in a line of a table, see envs.text_table.
+    width: characters in a line of a table, see envs.text_table. most: policies up to which columns are shown.
     """
     if not evaluation.pairings:
         return "none of the pairings is complete"
     parts = [_heading(evaluation), _ratings(evaluation), _wins(evaluation, width), _sides(evaluation)]
     parts += _groups(evaluation, width)
+    if most is not None and len(evaluation.chosen) > most:
+        return "\n\n".join(filter(None, parts))
     names = list(evaluation.pairings[0].results.figures)
     results = [name for name in RESULTS if name in names] + [name for name in names if name.startswith("deaths_")]
     others = [name for name in names if name not in results]

@@ -19,6 +19,7 @@ from ..base.errors import TrainingError
 from ..base.files import check_out
 from ..base.quantities import explained
 
+FEW = 4  # policies, whose columns are 16 lines
 logger = logging.getLogger("outlast")
 
 
@@ -74,10 +75,13 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _report(evaluation: Any, folder: Path | None, seconds: float) -> None:
-    """Print the tables, write them if there is a folder and a table, and print their paths. Raises TrainingError."""
+    """Print the tables, write them if there is a folder and a table, and print their paths. Raises TrainingError.
+
+    Of many policies, columns are only written if there is a folder: they would take a hundred lines.
+    """
     from ..arena.evaluation import text, write_tables
 
-    print(text(evaluation, terminal_width()))
+    print(text(evaluation, terminal_width(), most=None if folder is None else FEW))
     print(f"\n{seconds:,.0f} s", flush=True)
     if folder is not None and evaluation.pairings:
         print("", *write_tables(evaluation, folder), sep="\n", flush=True)
