@@ -1,6 +1,7 @@
 """Public names that are loaded when they are first asked for, from the stub that type checkers read."""
 
 import ast
+import sys
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
@@ -16,16 +17,16 @@ def attach(module: str, file: str) -> tuple[Callable[[str], object], Callable[[]
         module: Its name.
         file: Its path.
     """
-    places = dict[str, tuple[str, str]]()
-    for each in ast.parse(Path(file).with_suffix(".pyi").read_text(encoding="utf-8")).body:
-        if isinstance(each, ast.ImportFrom):
-            for one in each.names:
-                places[one.name] = "." * each.level + (each.module or one.name), one.name if each.module else ""
+    places = _places(Path(file).with_suffix(".pyi"))
     package = module if Path(file).name == "__init__.py" else module.rpartition(".")[0]
 
     def get(name: str) -> object:
         if name not in places:
-            raise AttributeError(f"module '{module}' has no attribute '{name}'")
+            others = (stub for stub in Path(file).parent.glob("*.pyi") if name in _places(stub))
+            hint = next((f"; did you mean {package}.{stub.stem}.{name}?" for stub in others), "")
+            raise AttributeError(
+                f"module '{module}' has no attribute '{name}'{hint}", name=name, obj=sys.modules[module]
+            )
         place, member = places[name]
         try:
             found = import_module(place, package)
@@ -34,6 +35,16 @@ def attach(module: str, file: str) -> tuple[Callable[[str], object], Callable[[]
         return getattr(found, member) if member else found
 
     return get, lambda: [*places, *(["__version__"] if module == package else [])], [*places]
+
+
+def _places(stub: Path) -> dict[str, tuple[str, str]]:
+    """Return the public names in a stub: the module that has each, and its name there, "" for the module itself."""
+    found = dict[str, tuple[str, str]]()
+    for each in ast.parse(stub.read_text(encoding="utf-8")).body:
+        if isinstance(each, ast.ImportFrom):
+            for one in each.names:
+                found[one.name] = "." * each.level + (each.module or one.name), one.name if each.module else ""
+    return found
 
 
 class Missing:

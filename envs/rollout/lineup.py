@@ -13,7 +13,6 @@ from typing import Any, cast
 import numpy as np
 
 from outlast.ecs import Clock, Worlds
-from outlast.ecs.kernels.errors import did_you_mean
 
 from ..core.validation import Array, checked_actions
 from ..core.vector_env import Actions, Arrays, SurvivalVectorEnv
@@ -22,7 +21,7 @@ from ..scenarios.imports import member_of, module_of
 from ..scenarios.scenario import Scenario
 from .memory import Begins, has_memory, tell
 from .policies import POLICIES, Policy, hashed, maker_of, others_policy
-from .saved import SAVED_AS, common_scenario, is_saved, load_saved, models, policy_file, text_of
+from .saved import SAVED_AS, common_scenario, is_saved, load_saved, models, policy_file, similar, text_of
 
 Other = str | os.PathLike[str] | Policy
 Others = Other | Mapping[Any, float]  # one policy, or the weight of each of several
@@ -311,7 +310,7 @@ def _named(name: str, names: Collection[str]) -> str:
     name = policy_file(name, names)
     if name in names or is_saved(name) or (is_own(name) and tuple(names) == tuple(POLICIES)):
         return name
-    raise UsageError(f"{name or 'nothing'}: {did_you_mean(name, [*names, *models()], after=' ')}{_needed(names)}")
+    raise UsageError(f"{name or 'nothing'}: {similar(name, names)}{_needed(names)}")
 
 
 def _needed(names: Collection[str]) -> str:

@@ -3,11 +3,12 @@
 Models are trained policies that are kept with outlast, by name; models.csv lists them.
 """
 
+import contextlib
 import csv
 import functools
 import os
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -109,8 +110,21 @@ def located(given: str | os.PathLike[str]) -> Path:
     if not text:
         raise UsageError(f"no policy is named: {SAVED_AS} is needed")
     if "/" in text and not (is_saved(text) or os.path.exists(text)):
-        raise UsageError(f"there is no {text}: {did_you_mean(text, models(), after=' ')}{SAVED_AS} is needed")
+        raise UsageError(f"there is no {text}: {similar(text)}{SAVED_AS} is needed")
     return newest(Path(text))
+
+
+def similar(text: str, names: Iterable[str] = ()) -> str:
+    """Return the question of an error message about a policy that does not exist, such as "did you mean runs/duel? ".
+
+    It names what is beside a path, otherwise some of `names` and models; "" if nothing is similar.
+    """
+    place = Path(text)
+    with contextlib.suppress(OSError):
+        beside = [str(each) for each in place.parent.iterdir()] if len(place.parts) > 1 else []
+        if question := did_you_mean(place, beside, after=" "):
+            return question
+    return did_you_mean(text, [*names, *models()], after=" ")
 
 
 def checkpoints(folder: Path) -> list[Path]:

@@ -61,7 +61,7 @@ def scenario_in(place: str, name: str, offered: str = "") -> Scenario:
     own = {key: value for key, value in vars(module).items() if isinstance(value, Scenario)}
     if not name:
         if len(set(map(id, own.values()))) != 1:
-            cure = f"name one, as in {place}:{next(iter(own))}" if own else f"name what makes one, {place}:FUNCTION"
+            cure = f"name one, as in {place}:{next(iter(own))}" if own else _how_to_hold_one(module, place)
             raise ScenarioError(f"{place} holds {', '.join(own) if own else 'no Scenario'}: {cure}")
         name = next(iter(own))
     found = member_of(module, name, place, own)
@@ -73,6 +73,13 @@ def scenario_in(place: str, name: str, offered: str = "") -> Scenario:
             "arguments that returns one"
         )
     return found.known_as(offered or name)
+
+
+def _how_to_hold_one(module: ModuleType, place: str) -> str:
+    """Return the cure for a module without a scenario, with the first of its own mechanics."""
+    kinds = [each for each in vars(module).values() if isinstance(each, type) and each.__module__ == module.__name__]
+    added = next((f".with_({each.__name__}())" for each in kinds if issubclass(each, Module)), "")
+    return f'add one, as in GAME = outlast.variant("ffa_1"){added}, or name what makes one, {place}:FUNCTION'
 
 
 def mechanic_in(place: str, name: str) -> type[Module]:

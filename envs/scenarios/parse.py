@@ -27,6 +27,7 @@ Params = ParamSpec("Params")
 Result = TypeVar("Result")
 NAME = re.compile(r"(?P<place>.+\.(py|json)|[^:+]*)(:(?P<name>[^:+]*))?(?P<ablations>(\+[^:+]*)*)")
 MECHANIC = re.compile(r"((?P<place>.+\.py|[\w.]+):)?(?P<name>\w+)(?P<numbers>\(.*\))?", re.DOTALL)
+FOREIGN = {"num_worlds": ("num_envs", "n_envs")}  # other libraries' words for arguments
 OWN = "one of your own is FILE.py:NAME, package.module:NAME or FILE.json"
 ROLES = '{"drawn": "never", "roles": [{"name": "hunter", "count": 1, "numbers": {"melee_damage": 20}}, ...]}'
 
@@ -78,7 +79,8 @@ def checks_keywords(make: Callable[Params, Result]) -> Callable[Params, Result]:
     @functools.wraps(make)
     def checked(*given: Params.args, **keywords: Params.kwargs) -> Result:
         for name in needed[len(given) :]:
-            if name not in keywords and (close := difflib.get_close_matches(name, keywords, 1)):
+            words = {*difflib.get_close_matches(name, keywords, 1), *FOREIGN.get(name, ())}
+            if name not in keywords and (close := [word for word in keywords if word in words]):
                 raise KeywordError(f"unexpected keyword argument {close[0]!r}: did you mean {name}?")
         return make(*given, **keywords)
 

@@ -183,6 +183,16 @@ def test_a_misspelt_argument_is_not_taken_for_a_number() -> None:
                 function(**given, **{misspelt: 1})
 
 
+def test_words_of_other_libraries_and_names_in_other_modules_are_understood() -> None:
+    with pytest.raises(outlast.errors.KeywordError, match=r"argument 'n_envs': did you mean num_worlds\?$"):
+        outlast.make_vec("ffa_1", n_envs=8)  # type: ignore[call-arg]
+    with pytest.raises(AttributeError, match=r"'make_sb3'; did you mean outlast\.adapters\.make_sb3\?$"):
+        outlast.make_sb3  # type: ignore[attr-defined]  # noqa: B018
+    with pytest.raises(AttributeError, match=r"has no attribute 'make_vecs'$") as unknown:
+        outlast.make_vecs  # type: ignore[attr-defined]  # noqa: B018
+    assert (unknown.value.name, unknown.value.obj) == ("make_vecs", outlast)  # of which Python makes a suggestion
+
+
 def test_importing_changes_nothing_and_environments_print_nothing(tmp_path: Path) -> None:
     """Also where the tick is compiled first."""
     options = os.environ | {"OUTLAST_CACHE_DIR": str(tmp_path), "NUMBA_DISABLE_JIT": "1"}

@@ -150,6 +150,14 @@ def test_unknown_names_are_refused(name: str) -> None:
             ask(name)
 
 
+def test_a_misspelt_path_is_compared_with_what_is_beside_it(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("runs/coin-fast-0").mkdir(parents=True)
+    for ask in (located, parse_lineup):
+        with pytest.raises(UsageError, match=r"runs/COIN-fast-0: did you mean runs/coin-fast-0\? "):
+            ask("runs/COIN-fast-0")
+
+
 @pytest.mark.skipif(not RESULTS.is_dir(), reason="results are not part of this archive")
 def test_a_checkout_has_them(monkeypatch) -> None:
     monkeypatch.setitem(sys.modules, "pooch", None)

@@ -8,13 +8,12 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from outlast.ecs.kernels.errors import did_you_mean
 from outlast.envs.core.validation import checked_actions
 from outlast.envs.core.vector_env import Actions, Arrays, SurvivalVectorEnv
 from outlast.envs.rollout.lineup import OWN_AS, checked_entries, is_own, maker
 from outlast.envs.rollout.memory import check_memories, told
 from outlast.envs.rollout.policies import POLICIES, Policy
-from outlast.envs.rollout.saved import SAVED_AS, is_saved, models, newest, runs_in, text_of
+from outlast.envs.rollout.saved import SAVED_AS, is_saved, models, newest, runs_in, similar, text_of
 
 from ..base.errors import TrainingError
 from ..base.noise import EpisodeNoise
@@ -133,8 +132,9 @@ def _expanded(policy: Given) -> list[tuple[str, str | Policy]]:
     place, text = Path(policy), text_of(policy)
     if text in (*POLICIES, *models()) or not place.is_dir():
         if len(place.parts) > 1 and not (is_saved(text) or is_own(text)):
-            meant = did_you_mean(text, models(), after=" ")
-            raise TrainingError(f"{text} is not a saved policy: {meant}it must be {SAVED_AS}, or {OWN_AS} of your own")
+            raise TrainingError(
+                f"{text} is not a saved policy: {similar(text)}it must be {SAVED_AS}, or {OWN_AS} of your own"
+            )
         checked_entries([(text, 1)])
         return [(text, text)]
     return [(f"{folder}/", str(newest(folder))) for folder in runs_in(place)]
