@@ -63,10 +63,6 @@ class Fuel(Observation):
     fuel: Array = column("f4", "agents", 1)
 
 
-class Jump(Action):
-    jump: Any = column("i2", "walkers", low=0, high=1)
-
-
 @dataclass(frozen=True)
 class Landing(Module):
     count: int = number(3, low=0)
@@ -296,11 +292,6 @@ class Usable(Component):
     left: Array = column("i4")
 
 
-def extended() -> None:
-    class Derived(Mark):
-        n: Array = column("i4")
-
-
 def annotated(base: type, hint: Any) -> Any:
     """A class of components with this annotation and a column."""
     return type("Odd", (base,), {"__annotations__": {"amount": hint}, "found": column("i4")})
@@ -331,7 +322,7 @@ def annotated(base: type, hint: Any) -> Any:
         (lambda: annotated(Component, Array), "Odd.amount is not a column: declare it as in amount: Array = column"),
         (lambda: type("Odd", (Component,), {}, packed=False), "Odd: packed is for outlast's own components"),
         (lambda: type("Odd", (Component,), {"requires": Energy}), r"Odd.requires = .*: a tuple .* as in \(Health,\)"),
-        (extended, "Derived extends Mark, which has columns"),
+        (lambda: type("Derived", (Mark,), {"n": column("i4")}), "Derived extends Mark, which has columns"),
         (lambda: component(Singleton)(), "Odd has no columns: declare one"),
         (lambda: Energy(letf=3), "Energy has no column 'letf'; it has: left"),
         (lambda: toy_game.Line(line=1), r"Line\(line=\.\.\.\): it has buffers of its own, which begin as 0"),
@@ -375,10 +366,6 @@ def test_declarations_that_mean_nothing(declare: Callable[[], Any], words: str) 
 
 
 # ---- what is refused in a game
-
-
-class Mine(Observation):
-    numbers: Array = column("f4", "agents", 2)
 
 
 def singletons(*given: Singleton) -> Any:
@@ -436,14 +423,16 @@ def deep() -> Module:
         (lambda: layout(singletons(event(agent=column("i4"), capacity="agentz")())),
          "Odd has the capacity 'agentz', a dimension that no .*; did you mean agents"),
         # keys
-        (lambda: worlds(*toy_game.GAME, singletons(Jump())), r"there are: Jump\.jump int16 \(3,\), Pace\.pace int8"),
+        (lambda: worlds(*toy_game.GAME, singletons(component(Action, jump=column("i2", "walkers", low=0, high=1))())),
+         r"there are: Odd\.jump int16 \(3,\), Pace\.pace int8"),
         (lambda: worlds(*toy_game.GAME, singletons(component(
             Action, mine=column("i1", "walkers", key="pace", low=0, high=1))())),
          r"toy_game\.Pace\.pace and .*Odd.mine|Odd.mine and .*Pace\.pace are both the action 'pace'; rename one"),
         (lambda: worlds(*toy_game.GAME, singletons(component(Statistic, mine=column("i4", "walkers", key="meals"))())),
          "are both the statistic 'meals'; rename one"),
         (lambda: outlast.make_vec(DUEL.vary(melee_damage=outlast.distributions.integers(1, 4)).observe_numbers().with_(
-            singletons(Mine())), 1), r"NumbersView.numbers and .*Mine.numbers are both the observation"),
+            singletons(component(Observation, numbers=column("f4", "agents", 2))())), 1),
+         r"NumbersView.numbers and .*Odd.numbers are both the observation"),
         # bounds
         (lambda: bounds(Worlds([*DUEL.modules, mechanic("Heats", bounds=lambda self, layout: {"owm": (0, 1)})], 1)),
          r"heats.bounds\(\) has the key 'owm', .* did you mean own"),

@@ -91,10 +91,9 @@ def expected(worlds: Worlds, w: int, tick: int) -> list[tuple[int, float, int]]:
 
 
 def rings(worlds: Worlds, w: int) -> list[tuple[int, float, int]]:
-    table, count = worlds[Ring], worlds[Ring].count[w, 0]
-    return [
-        (int(table.agent[w, k]), float(table.where[w, k, 0, 0]), int(table.where[w, k, -1, 1])) for k in range(count)
-    ]
+    table = worlds[Ring]
+    columns = table.agent[w], table.where[w, :, 0, 0], table.where[w, :, -1, 1].astype(int)
+    return [*zip(*(column[: table.count[w, 0]].tolist() for column in columns), strict=True)]
 
 
 def test_a_list_holds_what_happened_in_this_tick() -> None:

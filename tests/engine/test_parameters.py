@@ -178,13 +178,12 @@ def test_a_value_follows_numbers_of_others_that_change_or_vary() -> None:
     assert worlds[Shown].seen[:, 0].tolist() == [6, 6]
     worlds.set_numbers(walkers_stride=2.5)
     assert run(worlds, STEP)[Shown].seen[:, 0].tolist() == [10, 10]
-    varied = Worlds(
-        [Walkers(), Food(count=4), Bare()], 9, varied={"walkers_stride": outlast.distributions.uniform(1, 2)}
-    )
+    drawn = {"walkers_stride": outlast.distributions.uniform(1, 2)}
+    varied = Worlds([Walkers(), Food(count=4), Bare()], 9, varied=drawn)
     varied.seed(np.zeros(9, int), np.arange(9))
-    drawn = run(varied, RESET).numbers()["walkers_stride"]
-    np.testing.assert_array_equal(varied[Shown].seen[:, 0], drawn * np.float32(4))
-    assert len({*drawn.tolist()}) == 9
+    strides = run(varied, RESET).numbers()["walkers_stride"]
+    np.testing.assert_array_equal(varied[Shown].seen[:, 0], strides * np.float32(4))
+    assert len({*strides.tolist()}) == 9
 
 
 def test_a_service_is_no_part_of_the_state() -> None:

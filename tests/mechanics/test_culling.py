@@ -1,5 +1,6 @@
 """Culling by AABBs, and the broad phase: nothing is culled that is hit, seen or touched."""
 
+import itertools
 import math
 import sys
 from typing import Any, NamedTuple
@@ -48,6 +49,7 @@ class Entity(NamedTuple):
 class Solid(NamedTuple):
     may_collide: np.ndarray
     max_travel: np.ndarray
+    mass: np.ndarray
 
 
 @kernel
@@ -210,7 +212,9 @@ def test_arrays_that_kernels_return_are_counted() -> None:
 def test_gaps_are_never_more_than_the_way_between_surfaces(seed: int, grid: bool) -> None:
     """From the circle around one body to the surface of another, and so at most the way between them."""
     body, shape, entities = random_bodies(seed, grid)
-    solid = Solid((np.arange(ROWS) % 3 == 0).astype(np.uint8), _column(np.arange(ROWS) % 5 * 0.1))
+    solid = Solid(
+        (np.arange(ROWS) % 3 == 0).astype(np.uint8), _column(np.arange(ROWS) % 5 * 0.1), _column(np.ones(ROWS))
+    )
     near = np.zeros(ROWS + SIMD_WIDTH, np.uint8)
     near[:ROWS] = solid.may_collide
     out, most = np.zeros((1 + ROWS, ROWS), F4), F4(4)
@@ -226,3 +230,17 @@ def test_gaps_are_never_more_than_the_way_between_surfaces(seed: int, grid: bool
             assert gap >= exact - SLACK or surface(body, shape, o, *centre) > 0  # a corner's distance is exact, too
         free = [float(out[1 + e, o]) - float(solid.max_travel[o]) for o in others if not solid.may_collide[o]]
         assert float(out[0, e]) == pytest.approx(max(0.0, min([float(most), *free])), abs=SLACK)
+
+
+@SOME
+@given(st.tuples(*[st.floats(-30, 30, width=32)] * 4), st.sampled_from([0.0, 0.785, 1e3, 0.0033]), st.floats(0.01, 0.1))
+def test_travel_is_the_longest_way_of_a_push_in_any_direction(
+    motion: tuple[float, ...], mass: float, time: float
+) -> None:
+    vx, vy, jx, jy = (np.array([value], F4) for value in motion)
+    body, solid, each = Body(vx, vx, vx, vx, vx, vx, vy), Solid(vx, vx, np.array([mass], F4)), 1 / mass if mass else 0.0
+    bound = float(broad_phase.travel(body, body._replace(x=jx, y=jy), solid, 0, F4(time)))
+    signs = itertools.product((each, -each), repeat=2)
+    longest = max(math.hypot(motion[0] + a * motion[2], motion[1] + b * motion[3]) for a, b in signs)
+    assert bound >= longest * float(F4(time)) * (1 - 1e-5) - 1e-18  # squares of less vanish in float32
+    assert bound == pytest.approx(longest * time, rel=1e-4, abs=1e-6)
