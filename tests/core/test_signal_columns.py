@@ -7,26 +7,12 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast.components import End, Phase, Reward, SelfView, Side, Sight
-from outlast.components.sight import set_bit
-from outlast.ecs import (
-    Action,
-    Archetype,
-    Array,
-    Clock,
-    Component,
-    DeclarationError,
-    Field,
-    Observation,
-    Offset,
-    Read,
-    RowIndex,
-    Rows,
-    Signal,
-    Write,
-    column,
-    kernel,
-)
+from outlast.components import End, Phase, Reward, SelfView, Side
+
+from outlast.ecs import (  # isort: skip
+    Action, Archetype, Array, Clock, Component, DeclarationError, Field, Observation, Offset, Read, RowIndex, Rows,
+    Signal, Write, column, kernel,
+)  # fmt: skip
 from outlast.systems import Rewards
 from tests.helpers.mechanics import DUEL, duel, idle, kind, mechanic
 
@@ -67,16 +53,14 @@ def hear(
 
 
 def doing(env: Any, action: type[Action], value: int) -> Any:
-    """Actions of which all but this one do nothing."""
     actions = idle(env)
     actions[..., [key for key, *_ in env.worlds.layout.actions].index(action)] = value
     return actions
 
 
-def heard(env: Any, observations: Any) -> list[float]:
+def heard(env: Any, observations: Any) -> Any:
     start = env.fields["own"]["word"].start
-    values: list[float] = observations["own"][0, 0, start : start + 2].tolist()
-    return values
+    return observations["own"][0, 0, start : start + 2].tolist()
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -114,25 +98,9 @@ def add(reward: Write[Reward], agents: Rows[Side]) -> None:
         reward.reward[i] += i + 1
 
 
-class LastPaid(Observation):
-    paid: Array = column("f4", "agents", 1)
-
-
-Remembers = kind("Remembers", singletons=[LastPaid()])
-
-
-@Remembers.system(Phase.OBSERVE)
-def recall(view: Write[LastPaid], reward: Read[Reward]) -> None:
-    for i in range(reward.reward.size):
-        view.paid[i, 0] = reward.reward[i]
-
-
-def test_rewards_that_are_added_to_begin_at_0_and_can_be_observed() -> None:
-    """Observations are written ahead of rewards, and so show those of the tick before."""
-    env = duel(Pays(), Remembers(), game=UNPAID, count=2)
-    outcomes = [env.step(idle(env)) for _ in range(8)]
-    assert [rewards.tolist() for _, rewards, *_ in outcomes] == [[[1, 2]] * 2] * 5 + [[[0, 0]] * 2] + [[[1, 2]] * 2] * 2
-    assert [seen["paid"][0, :, 0].tolist() for seen, *_ in outcomes[:3]] == [[0, 0], [1, 2], [1, 2]]
+def test_rewards_that_are_added_to_begin_at_0() -> None:
+    env = duel(Pays(), game=UNPAID)
+    assert [env.step(idle(env))[1][0].tolist() for _ in range(8)] == [[1, 2]] * 5 + [[0, 0]] + [[1, 2]] * 2
 
 
 Hasty = kind("Hasty")
@@ -145,7 +113,7 @@ def bonus(reward: Write[Reward], agents: Rows[Side]) -> None:
 
 def test_a_reward_that_would_be_overwritten_is_refused() -> None:
     with pytest.raises(
-        DeclarationError, match=r"hasty.bonus writes Reward in vain: rewards.pay .* Phase.REWARD, after="
+        DeclarationError, match=r"hasty.bonus writes Reward in vain: rewards.pay .* Phase.REWARD, after"
     ):
         duel(Hasty())
     env = duel(Hasty(), Pays(), game=UNPAID)
@@ -179,6 +147,18 @@ def test_a_reset_neither_pays_nor_ends(mode: str) -> None:
             assert info["statistics"]["length"].tolist() == [1] * 3
         if mode == "Disabled":
             env.reset(options={"reset_mask": ends})
+
+
+def test_the_tick_of_a_reset_pays_nothing_in_a_replay(tmp_path: Path) -> None:
+    """It leaves the rewards of worlds that wait as they are."""
+    env, paid = duel(game=(game := DUEL.with_(Generous())), count=3, autoreset_mode="Disabled"), list[Any]()
+    with outlast.record(env, tmp_path / "a.rec"):
+        for mask in ([True] * 3, None, [True, False, True], [False, True, False], None):
+            env.step(idle(env)) if mask is None else env.reset(options={"reset_mask": np.array(mask)})
+            paid.append(env.worlds[Reward].reward.tolist())
+    replay = outlast.Replay(outlast.Recording.open(tmp_path / "a.rec", scenario=game))
+    assert [replay.worlds[Reward].reward.tolist() for _ in replay.ticks()] == paid
+    assert paid[2] == [[0, 0], [2, 2], [0, 0]]
 
 
 class Rare(Component):
@@ -216,13 +196,9 @@ def test_what_a_game_lacks_is_none(interpret: tuple[str, ...]) -> None:
         assert env.step(idle(env))[1].tolist() == [paid]
 
 
-def named(base: type, name: str, **columns: Any) -> Any:
-    return type(name, (base,), columns)
-
-
-ActionTwin = named(Action, "Twin", twin=column("i1", "agents", low=0, high=3))
-SignalTwin = named(Signal, "Twin", twin=column("f4", "agents", key="other"))
-One, Other = (named(Observation, "Seen", value=column("f4", "agents", 1, key=f"twin_{key}")) for key in "ab")
+ActionTwin = type("Twin", (Action,), {"twin": column("i1", "agents", low=0, high=3)})
+SignalTwin = type("Twin", (Signal,), {"twin": column("f4", "agents", key="other")})
+One, Other = (type("Seen", (Observation,), {"value": column("f4", "agents", 1, key=f"twin_{k}")}) for k in "ab")
 Twins = kind("Twins", singletons=[ActionTwin(), SignalTwin(), One(), Other()])
 
 
@@ -234,7 +210,6 @@ def copy(signal: Write[SignalTwin], action: Read[ActionTwin], one: Write[One], o
 
 
 def test_components_of_one_name_are_told_apart() -> None:
-    """Also in rows of the absent, which are cleared."""
     env = duel(Twins(), count=2)
     for _ in range(2):
         env.step(doing(env, ActionTwin, 3))
@@ -265,21 +240,3 @@ def test_an_observation_that_is_not_always_written_is_not_of_the_last_episode() 
     for _ in range(2):
         seen = [env.reset(seed=0)[0]["flash"].max(), *(env.step(idle(env))[0]["flash"].max() for _ in range(4))]
         assert seen == [0, 0, 0, 1, 1]
-
-
-@pytest.mark.parametrize("shows", [False, True])
-def test_a_mechanic_hides_and_shows(shows: bool) -> None:
-    """Agents see each other never, or always; all else is seen as before."""
-
-    fog = kind("Fog")
-
-    @fog.system(Phase.SEE, after=Sight)
-    def veil(sight: Write[Sight], agents: Rows[Side]) -> None:
-        for i in range(agents.size):
-            for o in agents:
-                set_bit(sight.visible, i, o, shows)
-
-    one, other = (duel(*mine, count=64).observe() for mine in ((), (fog(),)))
-    assert 0 < one["others_mask"].mean() < 1
-    assert (other["others_mask"] == shows).all()
-    assert np.array_equal(one["heals_mask"], other["heals_mask"])

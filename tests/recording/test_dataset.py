@@ -5,7 +5,6 @@ import json
 import os
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,8 @@ import pytest
 from gymnasium.vector import AutoresetMode
 
 import outlast
-from outlast.ecs import Entity
+from outlast.components import Phase
+from outlast.ecs import Action, Entity, Observation, Read, Write, column
 from outlast.envs.cli import main as cli
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.datasets import samples as dataset
@@ -23,10 +23,12 @@ from outlast.envs.errors import RecordingError
 from outlast.envs.recording import Recording, Replay
 from outlast.systems import Respawn
 from tests.conftest import draw_actions
+from tests.helpers.mechanics import duel, idle, kind, taking
 
 WORLDS, STEPS = 4, 70
 SHORT = {"ending_limit": 20, "agents_health": 30}
 Step = dict[str, Any]
+Recorded = tuple[Path, list[Step]]
 
 
 def make(variant: str, autoreset: str) -> SurvivalVectorEnv:
@@ -69,10 +71,9 @@ def play(env: SurvivalVectorEnv) -> list[Step]:
 
 
 def check(found: DatasetSamples, rows: list[Step]) -> None:
-    """Every row, in the same order; final is what came after the last ones."""
     assert len(found) == len(rows)
-    for key, column in found.columns.items():
-        np.testing.assert_array_equal(column, np.array([row[key] for row in rows]), err_msg=key)
+    for key, values in found.columns.items():
+        np.testing.assert_array_equal(values, np.array([row[key] for row in rows]), err_msg=key)
     last = [row["after"] for row in rows if row["last"]]
     for key in found.observations:
         np.testing.assert_array_equal(found.observations[key], np.array([row["before"][key] for row in rows]))
@@ -85,7 +86,7 @@ def whole(path: Path) -> tuple[Replay, Selection]:
 
 
 @pytest.fixture(scope="module")
-def recorded(tmp_path_factory: Any) -> tuple[Path, list[Step]]:
+def recorded(tmp_path_factory: Any) -> Recorded:
     env, path = make("teams_3", "NextStep"), tmp_path_factory.mktemp("data") / "a.rec"
     with outlast.record(env, path):
         return path, play(env)
@@ -123,7 +124,7 @@ def test_episodes_are_told_apart_whatever_they_are_keyed_by(tmp_path: Path, begi
     assert replay.episodes.tolist() == [3, 3]
 
 
-def test_some_worlds_and_some_ticks(recorded: tuple[Path, list[Step]]) -> None:
+def test_some_worlds_and_some_ticks(recorded: Recorded) -> None:
     """What is last is so within what was asked for."""
     path, rows = recorded
     replay, _ = whole(path)
@@ -136,16 +137,13 @@ def test_some_worlds_and_some_ticks(recorded: tuple[Path, list[Step]]) -> None:
     assert found.columns["last"].sum() == len({(row["world"], row["episode"]) for row in inside[: len(found)]})
 
 
-# ---- files
-
-
 def export(capsys: Any, path: Path, out: object, *options: str) -> tuple[int, str, str]:
     status = cli.main(["replay", str(path), "--data", str(out), "--quiet", *options])
     captured = capsys.readouterr()
     return status, captured.out, captured.err
 
 
-def test_shards(capsys: Any, recorded: tuple[Path, list[Step]], tmp_path: Path, monkeypatch: Any) -> None:
+def test_shards(capsys: Any, recorded: Recorded, tmp_path: Path, monkeypatch: Any) -> None:
     path, rows = recorded
     monkeypatch.setattr(dataset, "SHARD_BYTES", 200_000)
     status, out, _ = export(capsys, path, tmp_path / "data")
@@ -171,7 +169,7 @@ def test_shards(capsys: Any, recorded: tuple[Path, list[Step]], tmp_path: Path, 
     assert os.listdir(tmp_path) == ["data"]
 
 
-def test_parquet(capsys: Any, recorded: tuple[Path, list[Step]], tmp_path: Path, monkeypatch: Any) -> None:
+def test_parquet(capsys: Any, recorded: Recorded, tmp_path: Path, monkeypatch: Any) -> None:
     pq = pytest.importorskip("pyarrow.parquet")
     path, rows = recorded
     monkeypatch.setattr(dataset, "SHARD_BYTES", 200_000)  # row groups
@@ -181,29 +179,23 @@ def test_parquet(capsys: Any, recorded: tuple[Path, list[Step]], tmp_path: Path,
     assert file.num_row_groups > 1
     about = json.loads(file.schema_arrow.metadata[b"outlast"])
     table = file.read()
-    agents = [(row, i) for row in rows for i in range(4)]
-    for key in ("world", "episode", "tick", "terminated", "truncated", "last"):
-        assert table[key].to_pylist() == [row[key] for row, _ in agents]
-    assert table["agent"].to_pylist() == [i for _, i in agents]
-    assert table["alive"].to_pylist() == [row["alive"][i] for row, i in agents]
-    assert table["reward"].to_pylist() == [row["rewards"][i] for row, i in agents]
-    for k, action in enumerate(about["actions"]):
-        assert table[action["name"]].to_pylist() == [row["actions"][i, k] for row, i in agents]
-    for key, shape in about["observations"].items():
-        assert (
-            str(table.schema.field(f"observation_{key}").type) == f"fixed_size_list<element: float>[{np.prod(shape)}]"
-        )
-        seen = np.array(table[f"observation_{key}"].to_pylist(), np.float32).reshape(-1, *shape)
-        np.testing.assert_array_equal(seen, np.array([row["before"][key][i] for row, i in agents]))
-        final = table[f"final_{key}"].to_pylist()
-        assert [entry is not None for entry in final] == [row["last"] for row, _ in agents]
-        ends = np.array([entry for entry in final if entry is not None], np.float32).reshape(-1, *shape)
-        np.testing.assert_array_equal(ends, np.array([row["after"][key][i] for row, i in agents if row["last"]]))
+
+    def read(key: str, *shape: int) -> Any:
+        values = np.array([each for each in table[key].to_pylist() if each is not None])
+        return values.reshape(-1, 4, *shape)
+
+    columns = {key: read(key)[:, 0] for key in ("world", "episode", "tick", "terminated", "truncated", "last")}
+    columns |= {"alive": read("alive"), "rewards": read("reward")}
+    columns["actions"] = np.stack([read(action["name"]) for action in about["actions"]], -1)
+    seen, final = ({key: read(f"{part}_{key}", *shape) for key, shape in about["observations"].items()}
+                   for part in ("observation", "final"))  # fmt: skip
+    check(DatasetSamples(columns, seen, final), rows)
+    assert table["agent"].to_pylist() == [*range(4)] * len(rows)
+    assert [each is not None for each in table["final_own"].to_pylist()] == table["last"].to_pylist()
+    assert str(table.schema.field("observation_heals").type) == "fixed_size_list<element: float>[30]"
 
 
-def test_flat_parquet_has_a_named_column_for_each_number(
-    capsys: Any, recorded: tuple[Path, list[Step]], tmp_path: Path
-) -> None:
+def test_flat_parquet_has_a_named_column_for_each_number(capsys: Any, recorded: Recorded, tmp_path: Path) -> None:
     pq = pytest.importorskip("pyarrow.parquet")
     path, rows = recorded
     lists, flat = tmp_path / "lists.parquet", tmp_path / "flat.parquet"
@@ -225,25 +217,46 @@ def test_flat_parquet_has_a_named_column_for_each_number(
     assert table["own_health"].to_pylist()[:4] == health.tolist()
 
 
-def test_columns_of_flat_parquet_with_one_name_are_refused() -> None:
-    parquet = pytest.importorskip("outlast.envs.datasets.parquet")
-    replay: Any = SimpleNamespace(worlds=SimpleNamespace(layout=SimpleNamespace(fields={})))
-    assert parquet._numbers(replay, {"a": [2, 1], "b": [1]}) == {"a": ["a_0_0", "a_1_0"], "b": ["b_0"]}
-    with pytest.raises(RecordingError, match=r"two numbers .* would be called 'a_0_0': leave out --flat"):
-        parquet._numbers(replay, {"a": [2, 1], "a_0": [1]})
-    with pytest.raises(RecordingError, match=r"two numbers .* would be called 'final_a_0': leave out --flat"):
-        parquet._numbers(replay, {"final_a": [1], "a": [1]})
+@pytest.mark.parametrize(
+    ("base", "columns", "message"),
+    [
+        (Action, {"reward": 1}, "action 'reward' has the name of another column"),
+        (Action, {"final_own": 1}, "action 'final_own' has the name of another column"),
+        (Observation, {"a": (2, 1), "a_0": (1,)}, "two numbers .* would be called 'a_0_0': leave out --flat"),
+        (Observation, {"final_a": (1,), "a": (1,)}, "two numbers .* would be called 'final_a_0': leave out --flat"),
+    ],
+)
+def test_columns_of_one_name_are_refused(tmp_path: Path, base: Any, columns: dict[str, Any], message: str) -> None:
+    pytest.importorskip("pyarrow", reason="needs pyarrow: outlast[data]")
+    acts = base is Action
+    made = {key: column("i1", "agents", low=0, high=5) if acts else column("f4", "agents", *size)
+            for key, size in columns.items()}  # fmt: skip
+    mine = type("Mine", (base,), made)
+    brings = kind("Brings", singletons=[mine()])
+    brings.system(Phase.OBSERVE)(taking("look", mine=(Read if acts else Write)[mine]))
+    env = duel(game=(game := outlast.variant("ffa_1").with_(brings())))
+    with outlast.record(env, tmp_path / "a.rec"):
+        env.reset()
+        env.step(idle(env))
+    replay = Replay(Recording.open(tmp_path / "a.rec", game))
+    with pytest.raises(RecordingError, match=message):
+        export_dataset(str(tmp_path / "a.parquet"), replay, Selection([0], 0, 1), flat=not acts)
+    assert [path.name for path in tmp_path.iterdir()] == ["a.rec"]
 
 
-def test_flat_is_for_tables(capsys: Any, recorded: tuple[Path, list[Step]], tmp_path: Path) -> None:
-    for options in ((), ("--data", str(tmp_path / "data")), ("--html", str(tmp_path / "page.html"))):
-        assert cli.main(["replay", str(recorded[0]), "--quiet", "--flat", *options]) == 2
-        assert "--flat is for tables of samples: give --data NAME.parquet, too" in capsys.readouterr().err
-    assert not list(tmp_path.iterdir())
+@pytest.mark.parametrize("name", ["a.parquet", "folder", "minari:outlast/none-v0"])
+def test_a_dataset_has_samples(recorded: Recorded, tmp_path: Path, name: str, monkeypatch: Any) -> None:
+    for library in ("minari", "pyarrow"):
+        pytest.importorskip(library, reason=f"needs {library}: outlast[data]")
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "minari"))
+    target = name if name.startswith("minari") else str(tmp_path / name)
+    with pytest.raises(RecordingError, match=r"none of the worlds .* ticks 0 to 0, so samples are empty"):
+        export_dataset(target, Replay(recorded[0]), Selection([0], 0, 0))
+    assert not [each for each in tmp_path.rglob("*") if each.is_file()]
 
 
-def test_minari(capsys: Any, recorded: tuple[Path, list[Step]], tmp_path: Path, monkeypatch: Any) -> None:
-    """An episode for each agent of each episode of a world; what was cut off is truncated."""
+def test_minari(capsys: Any, recorded: Recorded, tmp_path: Path, monkeypatch: Any) -> None:
+    """What was cut off is truncated; for actions, observations and rewards, see the next test."""
     minari = pytest.importorskip("minari")
     path, rows = recorded
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
@@ -255,14 +268,8 @@ def test_minari(capsys: Any, recorded: tuple[Path, list[Step]], tmp_path: Path, 
     for episode, known in zip(found.iterate_episodes(), metadata, strict=True):
         options = known["options"]
         own = [row for row in rows if (row["world"], row["episode"]) == (options["world"], options["episode"])]
-        i = options["agent"]
-        np.testing.assert_array_equal(episode.actions, np.array([row["actions"][i] for row in own]))
-        np.testing.assert_array_equal(episode.rewards, np.array([row["rewards"][i] for row in own]))
         assert episode.terminations.tolist() == [row["terminated"] for row in own]
         assert episode.truncations.tolist() == [False] * (len(own) - 1) + [not own[-1]["terminated"]]
-        for key, array in episode.observations.items():
-            seen = [*(row["before"][key][i] for row in own), own[-1]["after"][key][i]]
-            np.testing.assert_array_equal(array, np.array(seen))
     env = found.recover_environment(others="noop").unwrapped
     assert env.base_env.scenario == Recording.open(path).scenario
     assert (env.observation_space, env.action_space) == (found.observation_space, found.action_space)
@@ -274,7 +281,6 @@ def test_minari(capsys: Any, recorded: tuple[Path, list[Step]], tmp_path: Path, 
 
 @pytest.mark.parametrize("kind", ["plain", "levels"])
 def test_an_episode_of_a_minari_dataset_can_be_played_again(tmp_path: Path, monkeypatch: Any, kind: str) -> None:
-    """Its metadata begin it, and its actions, with those of the others, repeat it bit by bit, after deaths, too."""
     minari = pytest.importorskip("minari")
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
     game = outlast.variant("ffa_3").replace(**SHORT)
@@ -284,12 +290,8 @@ def test_an_episode_of_a_minari_dataset_can_be_played_again(tmp_path: Path, monk
     with outlast.record(env, tmp_path / "a.rec"):
         for seed in (5, 6):
             if kind == "levels":
-                env.set_levels(
-                    [
-                        outlast.levels.Level({"agents_health": 7}, key=(8, 0, 2)),
-                        outlast.levels.Level({"agents_health": 9}),
-                    ]
-                )
+                level = outlast.levels.Level
+                env.set_levels([level({"agents_health": 7}, key=(8, 0, 2)), level({"agents_health": 9})])
             env.reset(seed=seed)
             for _ in range(STEPS):
                 env.step(draw_actions(env, rng))
@@ -308,9 +310,8 @@ def test_an_episode_of_a_minari_dataset_can_be_played_again(tmp_path: Path, monk
         for episode, known in zip(episodes, metadata, strict=True):
             world, number, agent = (known["options"][key] for key in ("world", "episode", "agent"))
             if agent != learner:
-                with pytest.raises(
-                    ValueError, match=rf"agent {agent} and seed \d+, not agent {learner} and .*learner={agent}"
-                ):
+                words = rf"agent {agent} and seed \d+, not agent {learner} and .*learner={agent}"
+                with pytest.raises(ValueError, match=words):
                     again.reset(seed=known["seed"], options=known["options"])
                 continue
             seen = [again.reset(seed=known["seed"], options=known["options"])[0]]
@@ -356,68 +357,13 @@ def test_minari_of_a_game_in_which_agents_come_back(tmp_path: Path, monkeypatch:
 
 
 @pytest.mark.parametrize(
-    ("module", "library", "name", "extra"),
-    [("minari", "minari", "minari:outlast/none-v0", "data"), ("parquet", "pyarrow", "none.parquet", "data")],
+    ("module", "library", "name"),
+    [("minari", "minari", "minari:outlast/none-v0"), ("parquet", "pyarrow", "none.parquet")],
 )
 def test_without_the_library_the_error_names_the_cure(
-    capsys: Any, recorded: tuple[Path, list[Step]], monkeypatch: Any, module: str, library: str, name: str, extra: str
+    capsys: Any, recorded: Recorded, monkeypatch: Any, module: str, library: str, name: str
 ) -> None:
     monkeypatch.delitem(sys.modules, f"outlast.envs.datasets.{module}", raising=False)
     monkeypatch.setitem(sys.modules, library, None)
     status, _, err = export(capsys, recorded[0], name)
-    assert (status, f"pip install 'outlast[{extra}]'" in err) == (2, True)
-
-
-def test_the_folder_of_minari_is_named_where_it_cannot_be(
-    capsys: Any, recorded: tuple[Path, list[Step]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    pytest.importorskip("minari", reason="needs Minari: outlast[data]")
-    (tmp_path / "file").touch()
-    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "file" / "root"))
-    status, _, err = export(capsys, recorded[0], "minari:own-v0")
-    assert (status, str(tmp_path / "file" / "root") in err, "no dataset was written" in err) == (2, True, True)
-
-
-@pytest.mark.parametrize("name", ["data", "data.parquet"])
-def test_what_another_process_exports_meanwhile_is_kept(
-    recorded: tuple[Path, list[Step]], tmp_path: Path, name: str
-) -> None:
-    if name == "data.parquet":
-        pytest.importorskip("pyarrow", reason="needs pyarrow: outlast[data]")
-    out, replay = tmp_path / name, Replay(recorded[0])
-
-    def theirs(tick: int) -> None:
-        if tick == 3:
-            out.mkdir() if name == "data" else out.touch()
-
-    message = f"{name} exists, as another process has just written it; this is in .*data-2"
-    with pytest.raises(RecordingError, match=message):
-        export_dataset(str(out), replay, Selection([0], 0, 5, progress=theirs))
-    assert (list(out.iterdir()) if name == "data" else out.read_bytes()) in ([], b"")
-    kept = out.with_stem("data-2")
-    assert kept.is_dir() == (name == "data")
-    assert kept.stat().st_size > 0
-
-
-@pytest.mark.parametrize("name", ["data", "data.parquet"])
-def test_nothing_is_overwritten_and_nothing_left_half_written(
-    capsys: Any, recorded: tuple[Path, list[Step]], tmp_path: Path, monkeypatch: Any, name: str
-) -> None:
-    if name == "data.parquet":
-        pytest.importorskip("pyarrow", reason="needs pyarrow: outlast[data]")
-    out = tmp_path / name
-    out.write_text("precious")
-    status, _, err = export(capsys, recorded[0], out)
-    assert (status, "never overwrite files" in err, out.read_text()) == (2, True, "precious")
-    out.unlink()
-    monkeypatch.setattr(dataset, "SHARD_BYTES", 20_000)
-    run, count = Replay._run, iter(range(STEPS // 2))
-
-    def interrupted(self: Any, record: Any) -> None:
-        if next(count, None) is None:
-            raise KeyboardInterrupt
-        run(self, record)
-
-    monkeypatch.setattr(Replay, "_run", interrupted)
-    assert export(capsys, recorded[0], out)[0] == 130
-    assert os.listdir(tmp_path) == []
+    assert (status, "pip install 'outlast[data]'" in err) == (2, True)

@@ -10,33 +10,15 @@ from typing import Any
 
 import pytest
 
-import outlast
 from outlast.envs.cli.main import main
 from outlast.envs.errors import RecordingError
 from outlast.envs.recording import Recording, reader, recorder
 from outlast.envs.recording.container import DONE, HEAD, HEADER_SIZE, MAGIC, RECORDS, encode_chunk
-from tests.recording.test_recording import make, recorded, replayed_ticks
-
-# ---- kill -9, and a full disk
-
-
-def test_a_disk_that_is_full_from_the_start_leaves_no_file(tmp_path: Path, monkeypatch: Any) -> None:
-    def full(*arguments: Any) -> int:
-        raise OSError(28, "No space left on device")
-
-    env = make()
-    monkeypatch.setattr(recorder.os, "write", full)
-    with pytest.raises(RecordingError, match="cannot be written: No space left on device"):
-        outlast.record(env, tmp_path / "a.rec")
-    assert list(tmp_path.iterdir()) == []
-
-
-# ---- files that are not what was written
+from tests.recording.test_recording import recorded, replayed_ticks
 
 
 @pytest.fixture(scope="module")
 def small(tmp_path_factory: Any) -> bytes:
-    """A recording in several chunks."""
     folder = tmp_path_factory.mktemp("small")
     largest, recorder.MAX_PENDING_BYTES = recorder.MAX_PENDING_BYTES, 300
     try:
@@ -46,7 +28,6 @@ def small(tmp_path_factory: Any) -> bytes:
 
 
 def opened(path: Path) -> Recording | str:
-    """The recording, or why it is none."""
     try:
         return Recording.open(path)
     except RecordingError as error:
@@ -89,7 +70,6 @@ def test_a_flipped_bit_anywhere_is_refused(tmp_path: Path, small: bytes, stride:
 
 
 def test_damage_in_the_middle_is_named_by_its_place_and_the_rest_can_be_saved(tmp_path: Path, small: bytes) -> None:
-    """A copy that ends at that byte can be replayed."""
     path = tmp_path / "a.rec"
     third = [k for k in range(len(small)) if small[k : k + 4] == RECORDS][2]
     path.write_bytes(small[: third + HEADER_SIZE + 3] + b"!" + small[third + HEADER_SIZE + 4 :])
@@ -147,37 +127,25 @@ def test_large_worlds_of_a_file_that_is_trusted(small: bytes, tmp_path: Path, mo
     assert main(["replay", str(path), "--quiet", "--trust"]) == 0
 
 
-def test_a_recording_is_read_wherever_the_process_goes(
-    small: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    (tmp_path / "a.rec").write_bytes(small)
-    monkeypatch.chdir(tmp_path)
-    recording = Recording.open("a.rec")
-    monkeypatch.chdir("/")
-    assert len(list(recording.tick_records())) == len(recording)
-
-
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [
         ({"worlds": 0}, "does not describe a recording"),
-        ({"worlds": "3"}, "does not describe a recording"),
-        ({"worlds": 2**40}, "does not describe a recording"),
-        ({"worlds": 1000}, "is damaged"),
-        ({"worlds": 10**6}, "its worlds would take 5394000000 bytes: .* are given to a file so small; .*trust=True"),
         ({"agents": 3}, "is damaged|agents are 3 there and 2 here"),
         ({"actions": [["ahead", -1, 3]]}, "is damaged|actions are"),
-        ({"actions": 5}, "does not describe a recording"),
         ({"digests": None}, "does not describe a recording"),
         ({"digests": {"components": ["Clock"], "worlds": 64, "repeat": 1}}, "is damaged|components are"),
         ({"modules": ["os.path"]}, r"the mechanic os\.path is not one of outlast's own.*scenario=\.\.\."),
         ({"modules": ["outlast.systems.melee.Melee"]}, "unknown number .*another version of outlast"),
+        *(
+            ({"policy": wrong}, "does not describe a recording")
+            for wrong in (None, {}, {"entities": [["heals", -1]]}, {"entities": [["heals", 1.5]]})
+        ),
+        ({"policy": {"entities": []}}, "is damaged at byte"),  # thoughts of another length
         ({"scenario": {"name": "x", "numbers": {}}}, "is missing; was it made by another version"),
-        ({"scenario": []}, "a.rec"),
     ],
 )
 def test_headers_that_cannot_be_are_refused(tmp_path: Path, small: bytes, changes: Any, reason: str) -> None:
-    """Even if all checksums fit; nothing large is allocated for them."""
     path = tmp_path / "a.rec"
     path.write_bytes(header(small, **changes))
     with pytest.raises(RecordingError, match=reason):
@@ -185,7 +153,6 @@ def test_headers_that_cannot_be_are_refused(tmp_path: Path, small: bytes, change
 
 
 def test_a_chunk_that_claims_too_much_is_refused(tmp_path: Path, small: bytes) -> None:
-    """A hundred million zeros in a few bytes."""
     path = tmp_path / "a.rec"
     path.write_bytes(small[: small.index(RECORDS)] + encode_chunk(RECORDS, b"\0" * 10**8, 5, 0))
     with pytest.raises(RecordingError, match="claims to hold 100000000 bytes"):

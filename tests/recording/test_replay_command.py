@@ -1,8 +1,5 @@
 """outlast replay: what it prints and writes, and what it refuses in one line."""
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +8,8 @@ import pytest
 
 import outlast
 from outlast.components import Health
-from outlast.envs.errors import RecordingError
+from outlast.envs.errors import PageError, RecordingError
 from outlast.envs.recording import Replay
-from outlast.envs.recording.container import RECORDS
 from outlast.envs.rollout.local import rollout
 from outlast.envs.rollout.policies import random_policy
 from outlast.envs.web.replay.write import record_ticks
@@ -22,7 +18,6 @@ from tests.conftest import run
 
 @pytest.fixture(scope="module")
 def path(tmp_path_factory: Any) -> Path:
-    """A recording of 13 ticks of 4 worlds."""
     path: Path = tmp_path_factory.mktemp("command") / "a.rec"
     env = outlast.make_vec("teams_3", 4, seed=1)
     with outlast.record(env, path):
@@ -61,17 +56,6 @@ def test_a_difference_is_status_1(capsys: Any, path: Path, monkeypatch: Any) -> 
     assert run(capsys, "replay", path, "--quiet", "--no-verify")[0] == 0
 
 
-def test_what_was_cut_off_is_said(capsys: Any, path: Path, tmp_path: Path) -> None:
-    whole = path.read_bytes()
-    (tmp_path / "b.rec").write_bytes(whole[:-10])
-    status, _, err = run(capsys, "replay", tmp_path / "b.rec", "--quiet")
-    assert status == 0
-    assert "was cut off: " in err
-    (tmp_path / "c.rec").write_bytes(whole[: whole.index(RECORDS)])
-    status, _, err = run(capsys, "replay", tmp_path / "c.rec", "--quiet")
-    assert (status, "it has no ticks" in err) == (2, True)
-
-
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -82,6 +66,7 @@ def test_what_was_cut_off_is_said(capsys: Any, path: Path, tmp_path: Path) -> No
         (("--html", "page.html", "--to", "999"), "0 <= from <= to <= 12"),
         (("--to", "5"), "select what is written; give --out, --html, --data or --events, too"),
         (("--html", "page.html", "--size", "64", "--fps", "9"), "--size, --fps: for pictures and films only"),
+        (("--flat", "--data", "data"), "--flat is for tables of samples: give --data NAME.parquet, too"),
         (("--data", "samples.csv"), "export to .csv is not possible; give a folder without an ending"),
     ],
 )
@@ -116,7 +101,6 @@ def test_a_world_has_one_number_in_options_tables_and_pages(capsys: Any, tmp_pat
 
 
 def test_frames_and_pages_show_the_chosen_worlds(capsys: Any, path: Path, tmp_path: Path) -> None:
-    """As many frames as ticks that are asked for; each world by itself, side by side."""
     options = ("--worlds", "0,3", "--from", "2", "--to", "6", "--quiet")
     status, *_ = run(capsys, "replay", path, "--out", tmp_path / "frames", "--size", "64", *options)
     assert (status, len(list((tmp_path / "frames").glob("*.png")))) == (0, 5)
@@ -125,15 +109,27 @@ def test_frames_and_pages_show_the_chosen_worlds(capsys: Any, path: Path, tmp_pa
     assert (tmp_path / "page.html").read_text(encoding="utf-8").lstrip().lower().startswith("<!doctype html>")
 
 
-@pytest.mark.nightly
-@pytest.mark.parametrize("option", ["--data", "--html"])
-def test_paths_need_not_be_utf_8(path: Path, tmp_path: Path, option: str) -> None:
-    folder = tmp_path / os.fsdecode(b"d\xff")
-    folder.mkdir()
-    out = folder / ("a.parquet" if option == "--data" else "a.html")
-    if option == "--data":
-        pytest.importorskip("pyarrow")
-    command = [sys.executable, "-m", "outlast", "replay", str(path), option, str(out), "--quiet"]
-    done = subprocess.run(command, capture_output=True, check=True, env=os.environ | {"PYTHONIOENCODING": "utf-8"})
-    assert (b"d\\xff" in done.stdout, done.stderr) == (True, b"")
-    assert out.stat().st_size > 1000
+def test_a_page_does_not_replace_its_recording(path: Path, tmp_path: Path) -> None:
+    (page := tmp_path / "a.html").write_bytes(path.read_bytes())
+    for source, out, more, words in (
+        (page, page, {}, r"a\.html is the recording itself"),
+        (path, page, {"beside": page}, r"a\.html is the recording itself"),
+        (path, path, {}, r"pages are written as NAME\.html"),
+        (path, tmp_path / "b.html", {"title": 3}, "title = 3: a text is needed"),
+    ):
+        with pytest.raises(PageError, match=words):
+            outlast.replay_page(source, out, **more)
+    assert page.read_bytes() == path.read_bytes()
+    assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_a_stopped_replay_makes_nothing_more(
+    capsys: Any, path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def stop(*arguments: Any, **named: Any) -> Any:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("outlast.envs.api.film.footage", stop)
+    out = ("--out", tmp_path / "a.webm", "--html", tmp_path / "a.html", "--quiet")
+    assert run(capsys, "replay", path, *out)[0] == 130
+    assert not list(tmp_path.iterdir())

@@ -60,6 +60,7 @@ def test_a_game_of_ones_own_has_its_items_and_bodies_on_the_page(games: Any) -> 
         ({"allow_hosts": "localhost"}, PlayError, "localhost: NAME:PORT is needed"),
         ({"allow_hosts": ["box:80", "localhost"]}, PlayError, "localhost: NAME:PORT is needed"),
         ({"others": "scriptd"}, UsageError, "did you mean scripted"),
+        ({"game": outlast.variant("ffa_1").without("record")}, PlayError, r"has no 'record', .* add Record\(\)"),
         ({"agnt": 1}, ValueError, "did you mean agent"),
     ],
 )
