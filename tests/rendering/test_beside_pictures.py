@@ -1,7 +1,6 @@
 """What films show beside and over the picture: title, scoreboard, deaths, ends of episodes, own items and bodies."""
 
 import math
-import re
 from pathlib import Path
 from typing import Any
 
@@ -12,19 +11,7 @@ from gymnasium.vector import AutoresetMode
 
 from outlast import film, make_vec, record, variant
 from outlast.components import Body, End, Episode, Health, Kills, Score, Shape
-from outlast.drawing import (
-    FILM_LAYERS,
-    LAYERS,
-    EndLayer,
-    FeedStrip,
-    Layer,
-    LegendLayer,
-    OthersLayer,
-    Scene,
-    ScoresStrip,
-    Strip,
-    TitleStrip,
-)
+from outlast.drawing import LAYERS, EndLayer, FeedStrip, Layer, OthersLayer, Scene, ScoresStrip, Strip, TitleStrip
 from outlast.ecs import Clock, Entity, Worlds
 from outlast.envs.rendering import style as colors
 from outlast.envs.rendering.canvas import Canvas
@@ -38,30 +25,15 @@ from outlast.envs.rollout.local import ticks
 from outlast.envs.rollout.policies import noop_policy
 from tests.helpers.own_bodies import Gem, Mine
 from tests.helpers.scenario_builder import ScenarioBuilder
-from tests.rendering.test_captions import killed
+from tests.rendering.test_captions import Written, killed
 
-SIZES = (64, 96, 128, 200, 256, 512, 1024, 2048)
-
-
-class Written(Canvas):
-    """A canvas that remembers what was written on it, with the pixels between its ends: (words, left, right, y)."""
-
-    written: list[tuple[str, float, float, float]]
-
-    def text(self, x: float, y: float, words: str, height: float, color: Any, anchor: float = 0.5) -> None:
-        length = self.length(words, height)
-        self.written.append((words, x - anchor * length, x + (1 - anchor) * length, y))
-        assert not words or height * self.scale >= 7
-        super().text(x, y, words, height, color, anchor)
+SIZES = (64, 96, 128, 256, 1024)
 
 
 def strip_words(worlds: Worlds, strip: Strip, size: int) -> list[tuple[str, float, float, float]]:
     """What a strip writes; everything lies on it, and nothing overlaps."""
     scene = Scene(worlds, 0)
-    canvas = Written(size, size / 2, strip.pixels(scene, size))
-    canvas.written = []
-    canvas.clear(colors.INK)
-    strip.draw(canvas, scene)
+    strip.draw(canvas := Written(size, size / 2, strip.pixels(scene, size)), scene)
     written = [each for each in canvas.written if each[0]]
     for words, left, right, y in written:
         assert -size / 2 <= left <= right <= size / 2, words
@@ -74,9 +46,6 @@ def strip_words(worlds: Worlds, strip: Strip, size: int) -> list[tuple[str, floa
 
 def said(worlds: Worlds, strip: Strip, size: int = 512) -> list[str]:
     return [words for words, *_ in strip_words(worlds, strip, size)]
-
-
-# ---- the strips
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -101,17 +70,6 @@ def test_the_title_says_what_is_played_and_where_in_it_one_is() -> None:
     long = "ffa_2-original-0 (side 0) against scripted (side 1)"  # who plays is there ahead of the episode's number
     assert said(game.env.worlds, TitleStrip(f"{long}, teams_3"), 512) == [long, "tick 3"]
     assert said(game.env.worlds, TitleStrip("größer"))[0].startswith("gr??er")  # what fonts of pictures lack
-
-
-@pytest.mark.parametrize("name", ["ffa_2-agents_health=150-melee_damage=2.5", "ffa_2-rewards_alive=1e-05-n_heals=25"])
-def test_a_title_that_has_no_room_is_cut_where_no_number_loses_figures(name: str) -> None:
-    game = ScenarioBuilder("ffa_2")
-    written = {words for size in range(64, 640, 4) for words in said(game.env.worlds, TitleStrip(name), size)}
-    cuts = [words.removesuffix("...") for words in written if words.endswith("...")]
-    assert len(cuts) > 8
-    for cut in cuts:
-        assert name.startswith(cut)
-        assert set(re.findall("=([^=]+?)(?=-[a-z]|$)", cut)) <= {"150", "2.5", "1e-05", "25"}
 
 
 def test_a_mosaic_says_the_seed_of_all_worlds_or_each_its_own() -> None:
@@ -158,44 +116,9 @@ def test_long_numbers_are_shortened_and_returns_are_shown_where_nobody_fights() 
     assert said(worlds, ScoresStrip()) == ["0", "return -1e+04", "1", "return 0.25"]
 
 
-def test_carried_items_are_on_the_scoreboard() -> None:
-    game = ScenarioBuilder("ffa_4")
-    before = draw(game.env.worlds, 0, 512, [ScoresStrip()])
-    game.hand(0, "heal", 0)
-    changed = (draw(game.env.worlds, 0, 512, [ScoresStrip()]) != before).any(-1)
-    assert changed.any()
-    assert not changed[:512].any()  # nothing of the picture
-
-
-def test_of_a_crowd_those_are_shown_for_which_there_is_room() -> None:
-    crowd = make_vec(variant("ffa_1").replace(n_agents=60, spawn_grid_cells=10), 1, seed=0)
-    crowd.reset()
-    words = said(crowd.worlds, ScoresStrip(), 256)
-    hidden = 60 - sum(word == "100" for word in words)
-    assert words[-1] == f"and {hidden} more"
-    assert 40 < hidden < 60
-
-
-def test_frames_are_of_one_height_whatever_sides_agents_are_on() -> None:
-    game = ScenarioBuilder("teams_3")
-    height = draw(game.env.worlds, 0, 256, FILM_LAYERS).shape
-    killed(game, 2, 0)
-    assert draw(game.env.worlds, 0, 256, FILM_LAYERS).shape == height
-    assert draw(game.env.worlds, 0, 256, LAYERS).shape == (256, 256, 3)
-
-
-# ---- the end of an episode
-
-
 @pytest.mark.parametrize(
     ("alive", "fatal", "expected"),
-    [
-        ((1, 0), (-1, 7), 0),
-        ((0, 1), (7, -1), 1),
-        ((0, 0), (7, 9), 1),
-        ((0, 0), (9, 9), None),
-        ((1, 1), (-1, -1), None),
-    ],
+    [((1, 0), (-1, 7), 0), ((0, 1), (7, -1), 1), ((0, 0), (7, 9), 1), ((0, 0), (9, 9), None), ((1, 1), (-1, -1), None)],
 )
 def test_who_lives_longest_wins(alive: Any, fatal: Any, expected: int | None) -> None:
     game = ScenarioBuilder("ffa_4")
@@ -203,20 +126,12 @@ def test_who_lives_longest_wins(alive: Any, fatal: Any, expected: int | None) ->
     assert winner(Scene(game.env.worlds, 0)) == expected
 
 
-def test_nobody_wins_by_life_where_it_does_not_decide() -> None:
-    game = killed(ScenarioBuilder("ffa_4", ending_rule="never", ending_limit=9), 1, 0)
-    assert game.column(Score).alive[0].tolist() == [1, 0]
-    assert winner(Scene(game.env.worlds, 0)) is None
-
-
 @pytest.mark.parametrize("size", SIZES)
 def test_the_last_picture_of_an_episode_says_who_won_and_why(size: int) -> None:
     game = killed(ScenarioBuilder("ffa_4"), 1, 0)
     assert game.done
     scene = Scene(game.env.worlds, 0)
-    canvas = Written(size, scene.half)
-    canvas.written = []
-    EndLayer().draw(canvas, scene)
+    EndLayer().draw(canvas := Written(size, scene.half), scene)
     words = [each[0] for each in canvas.written]
     assert words[:1] == (["agent 0 wins"] if size > 96 else [])
     assert words[1:] == (["the others are dead, tick 1"] if size >= 200 else [])
@@ -228,7 +143,6 @@ def test_the_last_picture_of_an_episode_says_who_won_and_why(size: int) -> None:
 
 
 def shots(ends: int, chosen: tuple[int, ...] = (0,), **options: Any) -> tuple[list[np.ndarray], list[int]]:
-    """Frames of worlds that end after so many ticks, and the tick of the first world in each."""
     env = make_vec(variant("ffa_1").replace(ending_limit=ends), 4, seed=0)
     seen, frames = list[int](), list[np.ndarray]()
     options = {"size": 64, "layers": [EndLayer(), TitleStrip()]} | options
@@ -243,6 +157,7 @@ def test_a_single_world_stands_still_at_the_end_of_an_episode() -> None:
     assert seen == [0, 1, 2, 3, 4, 5, 5, 5, 5, 0, 1, 2, 3, 4, 5, 5, 5, 5, 0, 1]
     assert all(np.array_equal(frame, frames[5]) for frame in frames[5:9])
     assert shots(5, hold=3, layers=[TitleStrip()])[1] == [0, 1, 2, 3, 4, 5, 0, 1, 2, 3, 4, 5, 0, 1]
+    assert shots(5, hold=2, every=4)[1] == [0, 4, 5, 5, 5, 2, 5, 5, 5, 0]
 
 
 def test_ends_of_worlds_that_are_reset_with_the_same_seed_are_each_shown(tmp_path: Path) -> None:
@@ -263,10 +178,6 @@ def _frames(path: Path) -> int:
     return len(images)
 
 
-def test_the_end_is_shown_where_only_every_nth_tick_is() -> None:
-    assert shots(5, hold=2, every=4)[1] == [0, 4, 5, 5, 5, 2, 5, 5, 5, 0]
-
-
 def test_in_a_mosaic_the_end_stays_and_the_others_go_on() -> None:
     frames, seen = shots(5, (0, 1), hold=3)
     assert len(frames) == len(set(enumerate(seen))) == 14
@@ -282,29 +193,6 @@ def test_in_a_mosaic_the_end_stays_for_as_many_ticks_however_few_are_drawn() -> 
     only = shots(5, (0, 1), hold=3, every=20)[0]
     assert len(only) == 2  # the last end, after the last tick that is drawn
     assert np.array_equal(only[1], frames[6])
-
-
-@pytest.mark.parametrize("size", range(96, 256, 8))
-def test_the_line_of_teams_stays_as_it_is_when_somebody_kills(size: int) -> None:
-    game = ScenarioBuilder("teams_3")
-    seen = []
-    for kills in ((0, 0), (1, 0), (1, 1), (2, 0)):
-        game.column(Kills).kills[0] = kills
-        line = strip_words(game.env.worlds, ScoresStrip(), size)[:2]
-        seen.append([(re.sub(r"\d kills?", "", words), left) for words, left, *_ in line])
-    assert all(each == seen[0] for each in seen)
-
-
-# ---- items and bodies of mechanics without a layer
-
-
-class GemLayer(Layer):
-    """Its own layer, which draws nothing."""
-
-    shows = (Gem,)
-
-    def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """Nothing."""
 
 
 @pytest.fixture
@@ -341,7 +229,6 @@ def test_kinds_of_ones_own_are_named_once_however_many_bodies_they_have(mine: Wo
     for size, names in ((512, ["tick 0", "ball", "big gem", "crate"]), (128, [])):
         scene = Scene(mine, 0)
         canvas = Written(size, scene.half)
-        canvas.written = []
         paint(canvas, [layer for layer in LAYERS if layer.fits(scene)], scene)
         written = sorted((left, right, words) for words, left, right, y in canvas.written if y > scene.room)
         assert [words for *_, words in written] == names
@@ -354,20 +241,9 @@ def test_kinds_of_ones_own_are_named_once_however_many_bodies_they_have(mine: Wo
             assert pixel(canvas.image, left - 0.5, y) == of_kind(scene, row)
 
 
-def test_kinds_that_have_no_room_are_not_named(mine: Worlds) -> None:
-    canvas = Written(512, Scene(mine, 0).half)
-    for letter in range(40):
-        canvas.written = []
-        canvas.length = lambda words, height, letter=letter: 0.1 * letter * len(words)  # type: ignore[method-assign]
-        LegendLayer().draw(canvas, Scene(mine, 0))
-        names = [words for words, *_ in canvas.written]
-        assert names == ["crate", "big gem", "ball"][: len(names)]
-        assert len(names) == 3 or letter
-    assert not names
-
-
 def test_a_layer_that_shows_them_takes_their_default_look_away(mine: Worlds) -> None:
-    with_own, without = (draw(mine, 0, 256, layers) for layers in ([*LAYERS, GemLayer()], LAYERS))
+    draws_nothing = type("GemLayer", (Layer,), {"shows": (Gem,), "draw": lambda *_: None})()
+    with_own, without = (draw(mine, 0, 256, layers) for layers in ([*LAYERS, draws_nothing], LAYERS))
     assert pixel(without, -6, 6) in colors.KINDS
     assert pixel(with_own, -6, 6) == colors.UNSAFE
     assert pixel(with_own, 0.5, 6) in colors.KINDS  # the others are as they were

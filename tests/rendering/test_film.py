@@ -20,13 +20,11 @@ Image = np.ndarray[Any, Any]
 
 
 def needs(suffix: str) -> None:
-    """Skip what this machine lacks the library for."""
     if suffix in (".mp4", ".gif"):
         pytest.importorskip("imageio_ffmpeg", reason=f"{suffix} needs imageio-ffmpeg")
 
 
 def frame(k: int, height: int = 96, width: int = 128) -> Image:
-    """A flat picture with a moving disc."""
     image = np.full((height, width, 3), (250, 249, 246), np.uint8)
     cv2.circle(image, (20 + k, 40), 12, (0, 114, 178), -1, cv2.LINE_AA)
     cv2.rectangle(image, (60, 60), (90, 80), (213, 94, 0), -1)
@@ -49,9 +47,6 @@ def decoded(path: Path, height: int, width: int) -> Image:
     return np.frombuffer(run.stdout, np.uint8).reshape(-1, height, width, 3)
 
 
-# ---- every format
-
-
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_films_hold_every_frame(tmp_path: Path, suffix: str) -> None:
     needs(suffix)
@@ -64,22 +59,14 @@ def test_films_hold_every_frame(tmp_path: Path, suffix: str) -> None:
     for k in range(COUNT):  # and each is the one that was drawn, not a neighbour
         distances = np.abs(seen[k].astype(int) - drawn).mean((1, 2, 3))
         assert distances.argmin() == k
+    for y, x in ((5, 5), (70, 75)):  # no tint by a wrong matrix, no dithering
+        patch = seen[-1, y - 3 : y + 4, x - 3 : x + 4].reshape(-1, 3).astype(int)
+        assert np.abs(patch - frame(0)[y, x]).max() <= {".mp4": 3, ".webm": 8, ".gif": 2}.get(suffix, 0)
     assert [path.name] == os.listdir(tmp_path)
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_flat_colours_stay_what_they_are(tmp_path: Path, suffix: str) -> None:
-    """To a few of 255 where a codec loses something: no tint by a wrong matrix, no dithering."""
-    needs(suffix)
-    write_film(path := tmp_path / f"film{suffix}", frames())
-    seen = decoded(path, 96, 128)[-1]
-    for y, x in ((5, 5), (70, 75)):
-        patch = seen[y - 3 : y + 4, x - 3 : x + 4].reshape(-1, 3).astype(int)
-        assert np.abs(patch - frame(0)[y, x]).max() <= {".mp4": 3, ".webm": 8, ".gif": 2}.get(suffix, 0)
-
-
-@pytest.mark.parametrize("suffix", SUFFIXES)
-@pytest.mark.parametrize(("height", "width"), [(65, 96), (64, 97), (65, 97)])
+@pytest.mark.parametrize(("height", "width"), [(65, 96), (64, 97)])
 def test_odd_sizes_are_padded_where_the_codec_needs_it(tmp_path: Path, suffix: str, height: int, width: int) -> None:
     needs(suffix)
     write_film(path := tmp_path / f"film{suffix}", frames(3, height, width))
@@ -142,19 +129,7 @@ def test_an_apng_is_an_animation_for_others_and_a_png_for_the_rest(tmp_path: Pat
     assert np.array_equal(cv2.imread(str(path))[..., ::-1], frame(0))
 
 
-def test_a_gif_plays_for_ever(tmp_path: Path) -> None:
-    needs(".gif")
-    pillow = pytest.importorskip("PIL.Image")
-    write_film(path := tmp_path / "film.gif", frames(6), 20)
-    with pillow.open(path) as image:
-        assert (image.n_frames, image.info["loop"], image.info["duration"]) == (6, 0, 50)
-
-
-# ---- folders
-
-
 def test_a_folder_holds_numbered_pictures(tmp_path: Path) -> None:
-    """A new one, and one that is there: what it held of an earlier film is replaced, all else stays."""
     write_film(folder := tmp_path / "film", frames(4))
     assert sorted(os.listdir(folder)) == [f"frame_{k:06}.png" for k in range(4)]
     (folder / "notes.txt").write_text("mine")

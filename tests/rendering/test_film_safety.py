@@ -1,7 +1,6 @@
 """Films that cannot be: what is refused, a full disk, Ctrl-C and worse leave what was there before."""
 
 import os
-import signal
 import subprocess
 import sys
 import textwrap
@@ -16,14 +15,13 @@ from outlast.envs.errors import FilmError
 from outlast.envs.rendering.video import codecs, write_film, writer
 from tests.rendering.test_film import SUFFIXES, Image, frame, frames, needs
 
-# ---- mistakes
-
 MISTAKES: dict[str, tuple[Any, Any, str]] = {
     "no frames": ([], 30, "at least one"),
     "sizes that change": ([frame(0), frame(1), frame(2, 96, 100)], 30, "frame 2 has 100 x 96 pixels.*128 x 96"),
     "grey": ([frame(0)[..., 0]], 30, r"frame 0 is uint8 \(96, 128\): uint8 \(height, width, 3\)"),
     "fractions": ([frame(0) / 255], 30, "frame 0 is float64"),
     "no picture": ([frame(0), None], 30, "frame 1 is NoneType"),
+    "an error while drawing": (None, 30, "division"),
     "no speed": ([frame(0)], 0, "fps = 0: an integer from 1"),
     "half a frame a second": ([frame(0)], 0.5, "fps = 0.5"),
 }
@@ -34,9 +32,11 @@ MISTAKES: dict[str, tuple[Any, Any, str]] = {
 def test_mistakes_leave_what_was_there(tmp_path: Path, suffix: str, mistake: str) -> None:
     needs(suffix)
     given, fps, message = MISTAKES[mistake]
-    with pytest.raises(FilmError, match=message):
-        write_film(tmp_path / f"film{suffix}", given, fps)
-    assert os.listdir(tmp_path) == []
+    (path := tmp_path / "film.mp4").write_text("an earlier film")
+    with pytest.raises((FilmError, ZeroDivisionError), match=message):
+        write_film(tmp_path / f"film{suffix}", (frame(1 // (3 - k)) for k in range(9)) if given is None else given, fps)
+    assert os.listdir(tmp_path) == ["film.mp4"]
+    assert path.read_text() == "an earlier film"
 
 
 @pytest.mark.parametrize(
@@ -118,45 +118,8 @@ def test_without_ffmpeg_the_error_says_what_to_do(tmp_path: Path, monkeypatch: p
         assert write_film(tmp_path / f"film{suffix}", frames(3)) == 3
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
-def test_an_error_while_drawing_is_passed_on_and_leaves_nothing(tmp_path: Path, suffix: str) -> None:
-    needs(suffix)
-    (path := tmp_path / "film.mp4").write_text("an earlier film")
-
-    def broken() -> Iterator[Image]:
-        yield from frames(3)
-        raise ZeroDivisionError
-
-    with pytest.raises(ZeroDivisionError):
-        write_film(tmp_path / f"film{suffix}", broken())
-    assert os.listdir(tmp_path) == ["film.mp4"]
-    assert path.read_text() == "an earlier film"
-
-
-# ---- a full disk, Ctrl-C, and worse
-
-
-def test_a_folder_of_pictures_is_the_old_or_the_new_film(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Ctrl-C while pictures move to their place waits until they are there."""
-    write_film(tmp_path / "film", [frame(0)] * 5, 30)
-    old, replace = {file.name: file.read_bytes() for file in (tmp_path / "film").iterdir()}, os.replace
-
-    def interrupted(source: Any, target: Any) -> None:
-        replace(source, target)
-        if str(target).endswith("_000001.png"):
-            signal.raise_signal(signal.SIGINT)
-
-    monkeypatch.setattr(os, "replace", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        write_film(tmp_path / "film", [frame(9)] * 3, 30)
-    new = {file.name: file.read_bytes() for file in (tmp_path / "film").iterdir()}
-    assert len(new) == 3
-    assert not set(new.values()) & set(old.values())
-
-
 @pytest.mark.parametrize("suffix", [".mp4", ".webm", ".gif", ".apng"])
 def test_what_was_written_is_read_back(tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A writer that loses the end of the file is found out."""
     needs(suffix)
     codec = codecs.CODECS[suffix]
 

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 
 from outlast import make_vec
-from outlast.drawing import LAYERS, AgentsLayer, RoomLayer
 from outlast.ecs import Clock
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import FilmError
 from outlast.envs.rendering.rgb import draw
-from outlast.envs.rendering.video.footage import footage, near_square
+from outlast.envs.rendering.video.footage import footage
 from outlast.envs.rollout.local import ticks
 from outlast.envs.rollout.policies import scripted_policy
 
@@ -25,12 +24,10 @@ def played() -> SurvivalVectorEnv:
 
 
 def shots(env: SurvivalVectorEnv, chosen: Any, steps: int = 6, **options: Any) -> list[np.ndarray]:
-    """Frames of the scripted policy."""
     return list(footage(env.worlds, ticks(env, scripted_policy(env), steps), chosen, **{"size": SIZE} | options))
 
 
 def test_frames_show_every_tick_from_the_reset_on() -> None:
-    """The same as stepping by hand and drawing."""
     env, other = played(), played()
     frames = shots(env, [2])
     policy, expected = scripted_policy(other), []
@@ -77,23 +74,6 @@ def test_frames_are_new_arrays() -> None:
     for one, other in itertools.combinations(frames, 2):
         assert not np.shares_memory(one, other)
         assert not np.array_equal(one, other)
-
-
-def test_layers_are_those_that_are_asked_for() -> None:
-    """Also where they come from an iterator."""
-    (env := played()).reset()
-    [frame] = footage(env.worlds, [0], [0], size=SIZE, layers=iter([RoomLayer(), AgentsLayer()]))
-    assert np.array_equal(frame, draw(env.worlds, 0, SIZE, [RoomLayer(), AgentsLayer()]))
-    assert not np.array_equal(frame, draw(env.worlds, 0, SIZE, LAYERS))
-
-
-def test_grids_are_nearly_square() -> None:
-    for count in range(1, 200):
-        rows, columns = near_square(count)
-        assert rows * columns >= count
-        assert 0 <= columns - rows <= 1
-        assert (rows - 1) * columns < count
-    assert [near_square(count) for count in (1, 2, 4, 5, 16, 17)] == [(1, 1), (1, 2), (2, 2), (2, 3), (4, 4), (4, 5)]
 
 
 MISTAKES: dict[str, tuple[dict[str, Any], str]] = {

@@ -8,25 +8,17 @@ import cv2
 import numpy as np
 import pytest
 
-from outlast import make_vec, role, variant
+from outlast import make_vec, variant
 from outlast.components import Guard, Zone
 from outlast.distributions import choice
-from outlast.drawing import (
-    LAYERS,
-    AgentsLayer,
-    CamerasLayer,
-    HitsLayer,
-    IdsLayer,
-    InventoryLayer,
-    Layer,
-    MeleeLayer,
-    SafeZoneLayer,
-)
+
+from outlast.drawing import (  # isort: skip
+    LAYERS, CamerasLayer, HitsLayer, IdsLayer, InventoryLayer, Layer, MeleeLayer, SafeZoneLayer,
+)  # fmt: skip
 from outlast.ecs import Entity
 from outlast.envs.errors import FilmError
 from outlast.envs.inspect.world_json import describe
 from outlast.envs.rendering import style as colors
-from outlast.envs.rendering.canvas import Canvas
 from outlast.envs.rendering.rgb import draw
 from outlast.systems import Preparation
 from tests.helpers.scenario_builder import ScenarioBuilder, duel
@@ -38,7 +30,6 @@ Picture = np.ndarray[Any, Any]
 
 
 def spot(image: Picture, x: float, y: float) -> tuple[int, ...]:
-    """The colour at a point of the world."""
     column, row = (int(SIZE * (0.5 + length / (2 * HALF))) for length in (x, -y))
     return tuple(image[row, column].tolist())
 
@@ -48,11 +39,7 @@ def without(*kinds: type[Layer]) -> list[Layer]:
 
 
 def picture(game: ScenarioBuilder, *left_out: type[Layer]) -> Picture:
-    """All of it but the zone, which is somewhere else in every episode."""
     return draw(game.env.worlds, 0, SIZE, without(SafeZoneLayer, *left_out))
-
-
-# ---- one layer after the other
 
 
 def test_agents_are_discs_of_their_side_with_a_beak_ahead() -> None:
@@ -157,14 +144,11 @@ def test_carried_items_lie_below_their_carrier() -> None:
     assert np.array_equal(picture(game, InventoryLayer), bare)
 
 
-def test_the_widest_cone_of_a_role_or_of_a_world_is_drawn() -> None:
+def test_the_widest_cone_is_drawn() -> None:
     """As float32, pi is more than the most that cameras_fov may be."""
-    wide = variant("ffa_2").roles(wide=role(1, cameras_fov=math.pi), other=role())
-    either = variant("ffa_2").vary(cameras_fov=choice(math.pi, math.pi))
-    for scenario in (wide, either):
-        env = make_vec(scenario, 1, seed=0)
-        env.reset()
-        assert (draw(env.worlds, 0, 64, [CamerasLayer()]) != draw(env.worlds, 0, 64, [])).any()
+    env = make_vec(variant("ffa_2").vary(cameras_fov=choice(math.pi, math.pi)), 1, seed=0)
+    env.reset()
+    assert (draw(env.worlds, 0, 64, [CamerasLayer()]) != draw(env.worlds, 0, 64, [])).any()
 
 
 def test_who_is_blind_has_no_cone() -> None:
@@ -179,7 +163,6 @@ def test_who_is_blind_has_no_cone() -> None:
 
 
 def test_lines_of_sight_lead_to_the_entities_seen() -> None:
-    """The observed entities and the lines drawn agree for every agent of every world."""
     env = make_vec("teams_3", 40, seed=5)
     observations, _ = env.reset()
     masks = [key for key in observations if key.endswith("_mask") and "slot" not in key]
@@ -191,23 +174,6 @@ def test_lines_of_sight_lead_to_the_entities_seen() -> None:
         assert np.array_equal(lines, draw(env.worlds, w, 64, [])) != seen
         found.add(seen)
     assert found == {False, True}
-
-
-def test_numbers_are_written_within_their_disc() -> None:
-    game = duel(ScenarioBuilder(), far=5)
-    plain = draw(game.env.worlds, 0, SIZE, [AgentsLayer()])
-    rows, columns = (
-        where / SIZE * 2 * HALF - HALF
-        for where in np.nonzero((draw(game.env.worlds, 0, SIZE, [AgentsLayer(), IdsLayer()]) != plain).any(-1))
-    )
-    near = np.minimum(np.hypot(columns, rows), np.hypot(columns - 5, rows))
-    assert near.max() < 0.5
-    assert len(near) > 40
-    assert abs(columns[columns < 2].mean()) < 0.06
-    assert abs(rows.mean()) < 0.06
-
-
-# ---- colours and shapes
 
 
 @pytest.mark.parametrize(
@@ -228,30 +194,6 @@ def test_colours_can_be_told_apart_without_some_cones(seen: Any) -> None:
         shades = (np.array(group) / 255) ** 2.2 @ np.transpose(seen)
         lab = cv2.cvtColor((shades.clip(0, 1) ** (1 / 2.2)).astype(np.float32)[None], cv2.COLOR_RGB2Lab)[0]
         assert min(np.linalg.norm(one - other) for one, other in itertools.combinations(lab, 2)) > 9
-
-
-@pytest.mark.parametrize("radius", [2.0, 5.5, 33.3])
-def test_shapes_cover_their_area(radius: float) -> None:
-    """A disc of that radius, wherever it lies between the pixels; a pixel is a metre."""
-    for x, y in np.random.default_rng(0).uniform(-1, 1, (10, 2)).tolist():
-        canvas = Canvas(128, 64.0)
-        canvas.clear((0, 0, 0))
-        canvas.circle(x, y, radius, (255, 255, 255))
-        grey = canvas.image[..., 0] / 255
-        assert grey.sum() == pytest.approx(math.pi * radius**2, rel=0.12)
-        centre = ((np.arange(128) - 63.5) * grey.sum(0)).sum(), ((63.5 - np.arange(128)) * grey.sum(1)).sum()
-        assert np.divide(centre, grey.sum()) == pytest.approx([x, y], abs=0.08)
-
-
-def test_outlines_lie_on_the_rim() -> None:
-    canvas = Canvas(128, 64.0)
-    canvas.clear((0, 0, 0))
-    canvas.circle(0, 0, 40, (255, 0, 0), width=2)
-    canvas.polygon([(-20, -20), (20, -20), (20, 20), (-20, 20)], (0, 255, 0), width=2)
-    ys, xs = np.nonzero(canvas.image[..., 0])
-    assert np.abs(np.hypot(xs - 63.5, ys - 63.5) - 40).max() < 3
-    ys, xs = np.nonzero(canvas.image[..., 1])
-    assert np.abs(np.maximum(abs(xs - 63.5), abs(ys - 63.5)) - 20).max() < 3
 
 
 def test_only_agents_that_there_are_can_be_asked_for() -> None:

@@ -1,8 +1,5 @@
 """Pictures and maps: looking changes nothing, the same state looks the same, and every scenario can be looked at."""
 
-import subprocess
-import sys
-import textwrap
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -12,16 +9,8 @@ import pytest
 
 from outlast import Scenario, make_vec, systems, variant
 from outlast.components import Bag, Body, Died, Heal, Health, Look, Strike, Weapon, Zone
-from outlast.drawing import (
-    LAYERS,
-    CamerasLayer,
-    Layer,
-    LegendLayer,
-    LooksLayer,
-    OthersLayer,
-    Scene,
-    ZOrder,
-)
+from outlast.distributions import integers
+from outlast.drawing import LAYERS, CamerasLayer, Layer, LegendLayer, LooksLayer, OthersLayer, Scene, ZOrder
 from outlast.ecs import RESET, Clock, Entity, Module, Worlds
 from outlast.envs.errors import FilmError
 from outlast.envs.rendering.canvas import Canvas
@@ -29,15 +18,14 @@ from outlast.envs.rendering.rgb import draw, text
 from outlast.envs.rendering.video import footage
 from outlast.levels import FloorPlan
 from tests.conftest import digest
+from tests.core.test_scenario import LEFT_OUT
 from tests.helpers.scenario_builder import ScenarioBuilder
 
 EVERYTHING = (*LAYERS, CamerasLayer())
 OWN = (OthersLayer(), LegendLayer(), LooksLayer())  # layers of mechanics that no variant has
-CARRYING = (systems.Inventory, systems.Pickup, systems.GiveLast, systems.DeathDrop)
 
 
 def played(name: str, ticks: int, worlds: int = 2, first_world: int = 0) -> Worlds:
-    """Worlds in which agents did something or other for some ticks; the same in any batch of them."""
     env = make_vec(name, worlds, seed=3, first_world=first_world)
     env.reset()
     for tick in range(ticks):
@@ -55,9 +43,6 @@ def scattered(scenario: Scenario) -> Worlds:
         places = np.random.default_rng(0).uniform(-10, 10, (2, rows.stop - rows.start))
         worlds[Body].x[0, rows], worlds[Body].y[0, rows] = places
     return worlds
-
-
-# ---- purity
 
 
 @pytest.mark.parametrize("name", ["ffa_1", "ffa_3", "teams_3"])
@@ -78,20 +63,6 @@ def test_looking_changes_nothing_and_shows_the_same_again(name: str) -> None:
     assert text(alone, 0) == maps[1]
 
 
-def test_layers_read_copies() -> None:
-    worlds = played("ffa_1", 1)
-    before = digest(worlds)
-    Scene(worlds, 0)[Body].x[0] = 7.0
-    assert digest(worlds) == before
-
-
-def test_the_order_of_layers_makes_no_difference() -> None:
-    worlds, rng = played("teams_3", 30), np.random.default_rng(0)
-    expected = draw(worlds, 0, 256, EVERYTHING)
-    for _ in range(3):
-        assert np.array_equal(draw(worlds, 0, 256, [EVERYTHING[k] for k in rng.permutation(len(EVERYTHING))]), expected)
-
-
 def test_what_is_no_number_or_far_away_is_left_out() -> None:
     game = ScenarioBuilder()
     game.put("heal", 0, 2, 2)
@@ -108,47 +79,38 @@ def test_what_is_no_number_or_far_away_is_left_out() -> None:
         assert text(game.env.worlds, 0).splitlines()[:22] == expected[1]
 
 
-def test_opencv_is_loaded_by_the_first_picture() -> None:
-    """It takes longer to import than everything else, and training needs none."""
-    code = """
-        import sys, outlast, outlast.envs.cli.main, outlast.envs.rendering.video
-        env, texts = (outlast.make_vec("ffa_1", 1, render_mode=mode) for mode in ("rgb_array", "ansi"))
-        env.reset(), texts.reset(), texts.render()
-        assert "cv2" not in sys.modules
-        env.render()
-        assert "cv2" in sys.modules
-    """
-    subprocess.run([sys.executable, "-c", textwrap.dedent(code)], check=True)
+def test_scenes_have_the_numbers_of_the_episode() -> None:
+    drawn = {"agents_health": integers(20, 90), "ending_limit": integers(2, 4)}
+    env = make_vec(variant("ffa_1").vary(**drawn), 3, seed=0)
+    env.reset()
+    for _ in range(6):
+        scenes = [Scene(env.worlds, w) for w in range(3)]
+        points = [scene.prefab(Health).points[0] for scene in scenes]
+        assert points == [scene.mechanic(systems.Agents).health for scene in scenes]
+        assert len({*points}) > 1
+        env.step(np.tile(env.noop, (3, 2, 1)))
 
 
-# ---- arguments
+LOOKS = (draw, text, FloorPlan.of_world, lambda env, w: footage(env, (), [w]))
 
 
-@pytest.mark.parametrize("size", [63, 4097, 0, -64, 256.0, "256", True, None])
-def test_sizes_that_cannot_be(size: Any) -> None:
-    with pytest.raises(ValueError, match=r"size = .*: an integer from 64 to 4096 is needed \(pixels\)"):
-        draw(played("ffa_1", 0), 0, size)
-
-
-@pytest.mark.parametrize("w", [-1, 2, 0.0, "0", None])
-def test_worlds_that_are_not_there(w: Any) -> None:
-    for look in (draw, text):
-        with pytest.raises(ValueError, match=r"w = .*: an integer from 0 to 1 is needed"):
-            look(played("ffa_1", 0), w)
-
-
-@pytest.mark.parametrize("look", [draw, text, FloorPlan.of_world, lambda env, w: footage(env, (), np.arange(w))])
-def test_an_environment_in_place_of_its_worlds(look: Callable[[Any, int], object]) -> None:
-    words = "SurvivalVectorEnv is given for worlds: those of an environment are env.worlds"
-    with pytest.raises(TypeError, match=words):
-        look(make_vec("ffa_1", 1), 0)
-
-
-def test_what_is_no_layer() -> None:
-    with pytest.raises(TypeError, match=r"Bare.needs = <class .*: a tuple is needed, as in \(Body,\)"):
-        draw(make_vec("ffa_1", 1).worlds, 0, layers=[type("Bare", (Layer,), {"needs": Body})()])
-    with pytest.raises(TypeError, match=r"Cameras.* is not a layer: pass instances"):
-        draw(played("ffa_1", 0), 0, 64, [CamerasLayer])  # type: ignore[list-item]
+@pytest.mark.parametrize(
+    ("look", "error", "message"),
+    [
+        *((lambda env, size=size: draw(env.worlds, 0, size), ValueError, "size = .*: an integer from 64 to 4096 is")
+          for size in (63, 4097, 256.0, True)),
+        *((lambda env, w=w, look=look: look(env.worlds, w), ValueError, "w = .*: an integer from 0 to 1 is needed")
+          for w in (-1, 2, 0.0) for look in (draw, text)),
+        *((lambda env, look=look: look(env, 0), TypeError, "SurvivalVectorEnv is given for worlds: .* are env.worlds")
+          for look in LOOKS),
+        (lambda env: draw(env.worlds, 0, 64, [CamerasLayer]), TypeError, r"Cameras.* is not a layer: pass instances"),
+        (lambda env: draw(env.worlds, 0, 64, [type("Bare", (Layer,), {"needs": Body})()]), TypeError,
+         r"Bare.needs = <class .*: a tuple is needed, as in \(Body,\)"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_drawn_is_refused(look: Callable[[Any], Any], error: type[Exception], message: str) -> None:
+    with pytest.raises(error, match=message):
+        look(make_vec("ffa_1", 2))
 
 
 def test_pictures_of_all_sizes_show_the_same() -> None:
@@ -160,9 +122,6 @@ def test_pictures_of_all_sizes_show_the_same() -> None:
         reduced[size] = draw(worlds, 0, np.int64(size)).reshape(64, k, 64, k, 3).mean((1, 3))
     assert np.abs(reduced[4096] - reduced[512]).mean() < 4
     assert np.abs(reduced[512] - reduced[64]).mean() < 20
-
-
-# ---- layers come and go
 
 
 @pytest.mark.parametrize("left_out", [type(layer).__name__ for layer in EVERYTHING if layer not in OWN])
@@ -185,8 +144,6 @@ def test_a_layer_that_is_left_out_is_not_seen(left_out: str) -> None:
 
 @dataclass(frozen=True)
 class Marked(Module):
-    """Agents whose weapon is not ready have a ring, and a line to what they aim at."""
-
     def looks(self) -> dict[str, Look]:
         return {"agent": Look(ring=Weapon.cooldown, line_to=Weapon.target)}
 
@@ -204,58 +161,25 @@ def test_rings_and_lines_are_drawn_where_looks_name_columns(column: str) -> None
     assert np.array_equal(draw(worlds, 0, 256, without), plain)
 
 
-WITHOUT: dict[str, tuple[tuple[type[Module], ...], set[str]]] = {
-    "heals": ((systems.Heals,), {"HealsLayer"}),
-    "boxes": ((systems.Boxes,), {"BoxesLayer", "BoxItemsLayer"}),
-    "zone": ((systems.SafeZone,), {"SafeZoneLayer"}),
-    "melee": ((systems.Melee,), {"MeleeLayer", "HitsLayer"}),
-    "cameras": ((systems.Cameras,), {"CamerasLayer"}),
-    "bags": (CARRYING, {"InventoryLayer"}),
-    "items": (
-        (*CARRYING, systems.Heals, systems.Boxes),
-        {"InventoryLayer", "HealsLayer", "BoxesLayer", "BoxItemsLayer"},
-    ),
-    "room": ((systems.Room, systems.SpawnGrid, systems.SafeZone), {"RoomLayer", "SafeZoneLayer"}),
-    "mortality": ((systems.Mortality,), set()),
-    "motors": ((systems.Motors,), set()),
-    "contacts": ((systems.Physics,), set()),
-}
-
-
-@pytest.mark.parametrize("name", WITHOUT)
-def test_scenarios_without_a_mechanic(name: str) -> None:
+@pytest.mark.parametrize("left_out", [(), *LEFT_OUT], ids="-".join)
+def test_scenarios_without_a_mechanic(left_out: tuple[str, ...]) -> None:
     """Its layers are left out by themselves, and everything else is there."""
-    kinds, absent = WITHOUT[name]
-    worlds = scattered(variant("teams_3").without(*kinds))
-    scene = Scene(worlds, 0)
-    assert {type(layer).__name__ for layer in EVERYTHING if not layer.fits(scene)} == absent
+    worlds = scattered(variant("teams_3").without(*left_out))
+    fitting = [layer for layer in EVERYTHING if layer.fits(Scene(worlds, 0))]
+    assert left_out or len(fitting) == len(EVERYTHING)
     image = draw(worlds, 0, 128, EVERYTHING)
-    rest = [layer for layer in EVERYTHING if type(layer).__name__ not in absent]
-    assert np.array_equal(image, draw(worlds, 0, 128, rest))
+    assert np.array_equal(image, draw(worlds, 0, 128, fitting))
     assert not np.array_equal(image, draw(worlds, 0, 128, []))
     assert len(text(worlds, 0).splitlines()) == 22 + 4
 
 
-def test_agents_may_be_all_there_is() -> None:
-    """No walls, a single agent, a room of any size."""
-    bare = variant("ffa_1").without(systems.Heals, systems.SafeZone).replace(n_agents=1, room_walls=False)
-    for size in (2.0, 400.0):
-        worlds = Worlds(bare.replace(room_size=size, spawn_grid_cells=1).modules, 1)
-        assert not np.array_equal(draw(worlds, 0, 64), draw(worlds, 0, 64, []))
-        assert "0" in text(worlds, 0).splitlines()[11]
-
-
 @dataclass(frozen=True)
 class Tide(Module):
-    """A mechanic of another package."""
-
     height: float = 4.0
 
 
 @dataclass(frozen=True)
 class TideLayer(Layer):
-    """And what it looks like."""
-
     zorder = ZOrder.ZONE + 1
     needs = (Tide, Heal)
     color: tuple[int, int, int] = (1, 2, 3)
@@ -275,9 +199,6 @@ def test_what_opencv_refuses_is_said_of_the_layer() -> None:
     blue: Any = TideLayer(color="blue")  # type: ignore[arg-type]
     with pytest.raises(FilmError, match=r"TideLayer\.draw: OpenCV cannot draw this; colours are \(red, green, blue\)"):
         draw(Worlds(variant("ffa_3").with_(Tide()).modules, 1), 0, 128, [*LAYERS, blue])
-
-
-# ---- maps
 
 
 def test_a_map_shows_everything_where_it_is() -> None:

@@ -1,7 +1,6 @@
 """Drawn vision cones and the simulation agree on what is seen."""
 
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +11,6 @@ from outlast.ecs import Entity
 from outlast.ecs.kernels.simd import SIMD_WIDTH
 from outlast.envs.rendering import style as colors
 from outlast.envs.rendering.rgb import draw
-from outlast.envs.rendering.visibility import visible_corners
 from tests.helpers.scenario_builder import ScenarioBuilder
 
 SIZE = 1024
@@ -37,7 +35,6 @@ def probed(game: ScenarioBuilder, places: np.ndarray) -> list[bool]:
 
 
 def covered(game: ScenarioBuilder) -> np.ndarray:
-    """Pixels that agent 0's cone covers, bool (SIZE, SIZE)."""
     cone = [CamerasLayer(agents=[0], lines=False, opacity=0.9)]
     return (draw(game.env.worlds, 0, SIZE, cone) != draw(game.env.worlds, 0, SIZE, [])).any(-1)
 
@@ -73,28 +70,3 @@ def test_what_is_in_the_drawn_cone_is_what_the_simulation_sees(cone: str, occlud
 def test_agents_that_observe_everything_have_no_cone() -> None:
     game = ScenarioBuilder("ffa_4", cameras_mode="omniscient")
     assert not covered(game).any()
-
-
-# ---- the geometry alone
-
-
-def area(corners: np.ndarray) -> float:
-    x, y = corners.T
-    return float(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1))) / 2
-
-
-def box(x: float, y: float, width: float, height: float, angle: float = 0) -> Any:
-    signs = ((-1, -1), (1, -1), (1, 1), (-1, 1))
-    turned = (complex(x, y) + complex(a * width / 2, b * height / 2) * np.exp(1j * angle) for a, b in signs)
-    return [(corner.real, corner.imag) for corner in turned]
-
-
-@pytest.mark.parametrize(("kite", "share"), [(True, math.sin(0.5)), (False, 0.5)])
-@pytest.mark.parametrize("angle", [0.0, 3.1, -2.0])
-def test_a_free_cone_has_its_whole_area(kite: bool, share: float, angle: float) -> None:
-    assert area(visible_corners(1, 2, angle, 1.0, 8.0, kite, [])) == pytest.approx(64 * share, rel=1e-3)
-
-
-def test_what_holds_the_camera_or_lies_behind_it_or_too_far_hides_nothing() -> None:
-    discs, boxes = [(0, 0, 2), (-3, 0, 1), (20, 0, 2), (np.nan, 0, 2)], [box(0.1, 0, 3, 3), box(np.nan, 0, 1, 1)]
-    assert area(visible_corners(0, 0, 0.0, 1.0, 8.0, False, discs, boxes)) == pytest.approx(32, rel=1e-3)
