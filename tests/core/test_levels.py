@@ -1,7 +1,6 @@
 """Numbers and counts that differ from world to world: each world is the game that has them, whatever the others are."""
 
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from outlast.distributions import choice, integers, log_uniform, uniform
 from outlast.ecs import Clock, Component, Entity, NumberError
 from outlast.ecs.memory.numbers import Given, Varied
 from outlast.envs.core.vector_env import SurvivalVectorEnv
-from outlast.envs.errors import RecordingError, ScenarioError, StateError
+from outlast.envs.errors import StateError
 from outlast.envs.scenarios.scenario import Scenario
 from tests.conftest import COMPILED, draw_actions, few_by_day, scaled
 from tests.reference.random_numbers import keyed
@@ -69,7 +68,6 @@ GAMES: dict[str, Scenario] = {
     .vary(walls_layout=choice(*(plan.layout(5) for plan in PLANS))),
 }
 WORLDS, STEPS, SAMPLE = scaled(1024, least=4), scaled(36, least=5), scaled(20, least=4)
-MEAN = (math.e**2 - 1) / 2  # of log_uniform(1, e squared)
 REFERRING = {"Gift", "Item", "Bag", "Weapon", "Died", "Health", "BoxItem", "Sight", "Cells"}  # they hold rows or sizes
 
 
@@ -80,7 +78,6 @@ def make(scenario: Scenario = TEAMS, count: int = 8, **options: Any) -> Survival
 
 
 def fixed(scenario: Scenario, numbers: dict[str, Any], w: int) -> Scenario:
-    """The scenario with the numbers of one world."""
     own = {name: tuple(values[w].tolist()) if values.ndim > 1 else values[w].item() for name, values in numbers.items()}
     return scenario.replace(**own)
 
@@ -138,55 +135,24 @@ def play(env: SurvivalVectorEnv, chosen: Any, actions: Any) -> Any:
 
 @pytest.mark.parametrize("game", few_by_day(GAMES, ("mazes",)))
 def test_every_world_is_the_game_that_has_its_numbers(game: str) -> None:
-    """Bit for bit, a few of 1024 worlds, of which each has other numbers, counts, walls and roles."""
     compare_with_worlds_alone(GAMES[game], np.linspace(0, WORLDS - 1, SAMPLE).astype(int))
 
 
-@pytest.mark.nightly
-@pytest.mark.skipif(not COMPILED, reason="a thousand environments")
-@pytest.mark.parametrize("quarter", range(4))
-def test_each_of_1024_worlds_is_the_game_that_has_its_numbers(quarter: int) -> None:
-    compare_with_worlds_alone(GAMES["mazes"], np.arange(quarter, WORLDS, 4))
-
-
 def test_draws_are_those_of_the_random_numbers_by_name() -> None:
-    scenario = outlast.variant("ffa_1").vary(melee_reach=uniform(1, 3), motors_ahead=log_uniform(0.1, 0.4))
-    env = make(scenario, 3)
-    for name, map_ in (
-        ("melee_reach", lambda u: 1 + u * 2),
-        ("motors_ahead", lambda u: math.exp(math.log(0.1) + u * (math.log(0.4) - math.log(0.1)))),
-    ):
-        expected = [np.float32(map_((keyed((3, w, 1), 0, f"vary {name}", 0)[0] >> 11) / 2**53)) for w in range(3)]
-        assert env.numbers()[name].tolist() == expected
-
-
-@pytest.mark.parametrize(
-    ("number", "distribution", "mean", "deviation"),
-    [
-        ("melee_reach", uniform(1, 3), 2, 2 / math.sqrt(12)),
-        ("melee_damage", integers(2, 5), 3.5, math.sqrt(15 / 12)),
-        ("melee_damage", choice(1, 1, 4), 2, math.sqrt(2)),
-        ("cameras_depth", log_uniform(1, math.e**2), MEAN, math.sqrt((math.e**4 - 1) / 4 - MEAN**2)),
-    ],
-)
-def test_draws_have_their_distribution(number: str, distribution: Any, mean: float, deviation: float) -> None:
-    env = make(outlast.variant("ffa_1").vary(**{number: distribution}), count := scaled(4096, least=64))
-    drawn = [env.numbers()[number]]
-    for _ in range(3):
+    share = lambda word: (word >> 11) / 2**53  # noqa: E731
+    low, high = math.log(0.1), math.log(0.4)
+    drawn = {
+        "melee_reach": (uniform(1, 3), lambda word: np.float32(1 + share(word) * 2)),
+        "motors_ahead": (log_uniform(0.1, 0.4), lambda word: np.float32(math.exp(low + share(word) * (high - low)))),
+        "melee_damage": (integers(2, 5), lambda word: 2 + (word * 4 >> 64)),
+        "heals_amount": (choice(1, 1, 40), lambda word: (1, 1, 40)[word * 3 >> 64]),
+    }
+    env = make(outlast.variant("ffa_1").vary(**{name: each for name, (each, _) in drawn.items()}), 64)
+    for episode in (1, 2):
+        for name, (_, value) in drawn.items():
+            words = [keyed((3, w, episode), 0, f"vary {name}", 0)[0] for w in range(64)]
+            assert env.numbers()[name].tolist() == [value(word) for word in words]
         env.reset()
-        drawn.append(env.numbers()[number])
-    values = np.concatenate(drawn).astype(float)
-    assert abs(values.mean() - mean) < 4 * deviation / math.sqrt(len(values))
-    assert all(value.item() in distribution for value in np.concatenate(drawn)[:64])
-    assert abs(np.corrcoef(values[:-1], values[1:])[0, 1]) < 4 / math.sqrt(len(values))
-    assert len({tuple(each) for each in drawn}) == 4
-    assert count
-
-
-def test_a_number_draws_the_same_whatever_else_varies() -> None:
-    one = make(outlast.variant("ffa_3").vary(melee_damage=integers(5, 20)))
-    other = make(outlast.variant("ffa_3").vary(melee_damage=integers(5, 20), n_boxes=integers(1, 8)))
-    assert one.numbers()["melee_damage"].tolist() == other.numbers()["melee_damage"].tolist()
 
 
 def test_numbers_are_observed_by_all_who_are_there() -> None:
@@ -204,36 +170,14 @@ def test_statistics_have_the_numbers_of_the_episode() -> None:
     env = make(outlast.variant("ffa_1").vary(melee_damage=integers(5, 20), ending_limit=integers(2, 4)), 16)
     numbers = env.numbers()
     for _ in range(4):
-        *_, info = env.step(np.broadcast_to(env.noop, (16, 2, len(env.noop))))
-        for w in np.flatnonzero(info.get("_statistics", [])):
-            if info["statistics"]["length"][w] and numbers["ending_limit"][w] == info["statistics"]["length"][w]:
-                assert info["statistics"]["melee_damage"][w] == numbers["melee_damage"][w]
+        *_, info = env.step(np.tile(env.noop, (16, 2, 1)))
         if "_statistics" in info:
-            assert (info["statistics"]["length"] == info["statistics"]["ending_limit"])[info["_statistics"]].all()
-
-
-def test_recordings_replay_what_was_drawn_and_set(tmp_path: Path) -> None:
-    env, rng = outlast.make_vec(TEAMS, 8, seed=3), np.random.default_rng(1)
-    outlast.record(env, tmp_path / "a.rec")
-    env.set_numbers({"melee_damage": 7}, mask=np.arange(8) < 4)
-    env.reset()
-    for step in range(scaled(120, least=6)):
-        env.step(draw_actions(env, rng))
-        if step == 2:
-            env.set_numbers(n_agents=2)
-    block = env.worlds.block.copy()
-    with pytest.raises(RecordingError, match="recording goes on"):
-        env.set_numbers(melee_reach=3)
-    env.close()
-    recording = outlast.Recording.open(tmp_path / "a.rec")
-    assert recording.scenario.varied == TEAMS.varied
-    replay = outlast.Replay(recording)
-    assert len(list(replay.ticks())) == len(recording)
-    np.testing.assert_array_equal(replay.worlds.block, block)
+            ended, found = info["_statistics"], info["statistics"]
+            assert (found["melee_damage"] == numbers["melee_damage"])[ended].all()
+            assert (found["length"] == found["ending_limit"])[ended].all()
 
 
 def spoiled(env: SurvivalVectorEnv, component: type[Component], column: str, index: Any, value: Any) -> str:
-    """What a state is refused with, of which one number was changed."""
     state = env.get_state()
     getattr(env.worlds.layout.columns(state.arrays["world"], component), column)[index] = value
     with pytest.raises(StateError) as caught:
@@ -257,15 +201,12 @@ def test_states_that_no_draw_leads_to_are_refused() -> None:
     [
         ({"melee_damage": uniform(1, 2)}, "it has type int, so take integers or choice"),
         ({"melee_damage": integers(-5, 2)}, "melee.damage = -5: must be >= 0"),
-        ({"melee_damage": 7}, "a distribution is needed, as in outlast.distributions.uniform(1, 2)"),
         ({"melee_damige": integers(1, 2)}, "did you mean melee_damage"),
         ({"n_agents": integers(0, 3)}, "agents.count = 0: must be >= 1"),
-        ({"cameras_cone": choice("kite", "round")}, "allowed are 'sector', 'kite'"),
         ({"safe_zone_radii": choice((5, 2), (5,))}, "all tuples must have one length"),
         ({"n_agents": integers(1, 4)}, "2 teams, but there are only 1 agents"),
         ({"n_heals": integers(1, 80)}, "do not fit into spawn_grid.cells"),
         ({"inventory_slots": integers(1, 4)}, "cannot vary: Inventory.dims() reads it when worlds are made"),
-        ({"room_size": uniform(20, 30)}, "cannot vary: Room.archetypes() reads it when worlds are made"),
     ],
 )
 def test_what_cannot_vary_is_refused(numbers: dict[str, Any], reason: str) -> None:
@@ -274,26 +215,13 @@ def test_what_cannot_vary_is_refused(numbers: dict[str, Any], reason: str) -> No
     assert reason in str(caught.value)
 
 
-def test_only_what_varies_can_be_observed() -> None:
-    for call, words in (
-        (outlast.variant("ffa_1").observe_numbers, "a number does not vary here"),
-        (lambda: TEAMS.observe_numbers("melee_reach"), "melee_reach does not vary here"),
-    ):
-        with pytest.raises(ScenarioError, match=words):
-            call()
-
-
-@pytest.mark.parametrize(
-    "numbers",
-    [
-        {"motors_ahead": uniform(np.float32(0.1), np.float32(0.3))},
-        {"melee_damage": choice(np.int64(3), 7)},
-        {"melee_blocked": choice(np.bool_(True), False)},
-        {"safe_zone_radii": choice(np.array([9.0, 4.0]), [8, 3])},
-    ],
-)
-def test_values_of_numpy_are_those_of_python_in_files(numbers: dict[str, Any]) -> None:
-    scenario = outlast.variant("ffa_1").vary(**numbers)
+def test_values_of_numpy_are_those_of_python_in_files() -> None:
+    scenario = outlast.variant("ffa_1").vary(
+        motors_ahead=uniform(np.float32(0.1), np.float32(0.3)),
+        melee_damage=choice(np.int64(3), 7),
+        melee_blocked=choice(np.bool_(True), False),
+        safe_zone_radii=choice(np.array([9.0, 4.0]), [8, 3]),
+    )
     assert Scenario.from_json(scenario.to_json()) == scenario
 
 
@@ -323,10 +251,8 @@ def test_systems_that_read_no_varied_number_are_compiled_as_they_were() -> None:
 
 
 @pytest.mark.parametrize("mode", ["masked", "revealed", "omniscient"])
-@pytest.mark.parametrize("name", ["ffa_3", "teams_3"])
-def test_the_absent_are_observed_by_nobody(name: str, mode: str) -> None:
-    """In their rows are zeros, also where the rows of all that exists are filled, and where worlds had more agents."""
-    varied = outlast.variant(name).replace(cameras_mode=mode, n_agents=4, ending_limit=3)
+def test_the_absent_are_observed_by_nobody(mode: str) -> None:
+    varied = outlast.variant("teams_3").replace(cameras_mode=mode, n_agents=4, ending_limit=3)
     env = make(varied.vary(n_agents=integers(2, 4)), 30)
     for _ in range(9):
         observations, _, _, _, info = env.step(np.tile(env.noop, (30, 4, 1)))
