@@ -5,19 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from outlast.components import Heal, HealView, Phase, SelfView, Side
-from outlast.ecs import (
-    Archetype,
-    Array,
-    Component,
-    Field,
-    Layout,
-    Module,
-    Rows,
-    Write,
-    column,
-    number,
-    ref,
-)
+from outlast.ecs import Archetype, Array, Component, Field, Layout, Module, Rows, Write, column, number, ref
 from outlast.systems.observation_rows import observe
 
 

@@ -111,7 +111,6 @@ CASES = {
     "takers equally near, the other way round": case(at(1, 0), at(-1, 0), at(0, 1), at(0, 0, "give"), heals=carried(3)),
     "a taker exactly in reach": case(at(0, 0, "give"), at(2, 0), heals=carried(0)),
     "a taker at the very same place": case(at(0, 0, "give"), at(0, 0), heals=carried(0)),
-    "a taker that is full": case(at(0, 0, "give"), at(1, 0), heals=carried(1, 4) + carried(0)),
     "all give and are full": case(*[at(0, y, "give use") for y in (0, 1, 2, 3)], heals=carried(0, 4) + carried(1, 2)),
     "a strike that begins on a rim": case(at(0, 0, "attack"), at(1.5, 0), heals=(Prop("ground", (0.25, 0)),)),
     "a strike that leaves from a rim": case(at(0, 0, "attack"), at(1.5, 0), heals=(Prop("ground", (-0.25, 0)),)),
@@ -131,13 +130,10 @@ CASES = {
     "all die": case(*[at(3.0 * x, 0, health=0) for x in range(4)], heals=carried(0, 3) + carried(2, 3)),
     "all die but for a heal": case(*[at(3.0 * x, 0, "use", health=0) for x in range(4)], heals=carried(1)),
     "all at one place": case(*[at(0, 0, "attack give", k) for k in range(4)], heals=(Prop("ground", (0, 0)),) * 6),
-    "an item exactly in reach": case(at(0, 0), at(3, 0), heals=(Prop("ground", (0.5, 0)), Prop("ground", (2.25, 0)))),
     "an item between two": case(at(0, 0), at(1, 0), heals=(Prop("ground", (0.5, 0)),)),
-    "one more than fits": case(at(0, 0), heals=(Prop("ground", (0, 0.5)),) * 6),
     "a box on an agent": case(at(0, 0, "use"), boxes=(Prop("bag", (0, 0), (1, 1), 0),)),
     "two boxes on one": case(at(0, 0, "use"), at(0, 0, "use"), boxes=carried(0) + carried(1)),
     "boxes break into one place": case(boxes=(Prop("broken", (1, 1)), Prop("broken", (1, 1)))),
-    "a box of another agent": case(at(0, 0, "attack"), boxes=(Prop("stands", (1.5, 0), owner=1),)),
 }  # fmt: skip
 
 

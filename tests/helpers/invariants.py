@@ -5,23 +5,10 @@ from typing import Any
 import numpy as np
 
 import outlast
-from outlast.components import (
-    Bag,
-    Body,
-    Box,
-    BoxesPlaced,
-    Died,
-    End,
-    Episode,
-    Floor,
-    HealsUsed,
-    Health,
-    Item,
-    Kills,
-    Reward,
-    Side,
-    Zone,
-)
+
+from outlast.components import (  # isort: skip
+    Bag, Body, Box, BoxesPlaced, Died, End, Episode, Floor, HealsUsed, Health, Item, Kills, Reward, Side, Zone,
+)  # fmt: skip
 from outlast.ecs import Clock, Entity
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from tests.conftest import draw_actions

@@ -9,21 +9,10 @@ import numpy as np
 
 import outlast
 from outlast import Scenario, systems
-from outlast.components import (
-    Bag,
-    Before,
-    Body,
-    BoxesPlaced,
-    BoxPlaced,
-    Item,
-    Respawned,
-    Return,
-    Shape,
-    Side,
-    Solid,
-    Spawned,
-    Wall,
-)
+
+from outlast.components import (  # isort: skip
+    Bag, Before, Body, BoxesPlaced, BoxPlaced, Item, Respawned, Return, Shape, Side, Solid, Spawned, Wall,
+)  # fmt: skip
 from outlast.distributions import choice, integers, uniform
 from outlast.ecs import Clock, Entity, NumberError, Worlds
 from outlast.envs.core.vector_env import SurvivalVectorEnv
@@ -252,15 +241,8 @@ def deepest(worlds: Worlds, bodies: Any, blocks: Any) -> float:
 def gap(worlds: Worlds, where: Array, first: Any, second: Any, before: Any = None) -> Array:
     """Metres between bodies, along a side of one of them if both are rectangles; below 0 where they overlap.
 
-    Args:
-        worlds: The worlds.
-        where: int (n,), which of them.
-        first: Rows of some bodies.
-        second: Rows of others.
-        before: The table of Before, to take bodies that can move where they were before they did.
-
-    Returns:
-        float64 (n, first, second); inf where one of the two is not there.
+    where: int (n,), worlds. first, second: rows. before: the table of Before, to take bodies that can move where they
+    were before they did. Returns float64 (n, first, second); inf where one of the two is not there.
     """
     one, two = (_bodies(worlds, where, rows, axis, before) for rows, axis in ((first, 2), (second, 1)))
     away = two["place"] - one["place"]

@@ -9,22 +9,10 @@ import numpy as np
 
 import outlast
 from outlast import systems
-from outlast.components import (
-    Bag,
-    Body,
-    Box,
-    Episode,
-    Guard,
-    Health,
-    Item,
-    Kills,
-    Reward,
-    Shape,
-    Solid,
-    Wall,
-    Weapon,
-    Zone,
-)
+
+from outlast.components import (  # isort: skip
+    Bag, Body, Box, Episode, Guard, Health, Item, Kills, Reward, Shape, Solid, Wall, Weapon, Zone,
+)  # fmt: skip
 from outlast.components.inventory import CLOSED
 from outlast.components.score import End
 from outlast.distributions import choice, integers, uniform
@@ -55,26 +43,15 @@ PILLARS = systems.Pillars(count=30, least=0.4, most=0.9)
 KINDS: dict[str, tuple[Any, ...]] = {  # a variant, numbers, and further mechanics
     "ffa as run": ("ffa_4", RUNS),
     "teams with ablations": (
-        "teams_4",
-        RUNS
-        | {
-            "agents_count": 6,
-            "teams_count": 3,
-            "rewards_basis": "members",
-            "rewards_outlive": 7.0,
-            "mortality_limit": 110,
-        },
+        "teams_4", RUNS | {"agents_count": 6, "teams_count": 3, "rewards_basis": "members", "rewards_outlive": 7.0,
+                           "mortality_limit": 110},
     ),
     "ffa as written": ("ffa_4", TEXT | {"rewards_posthumous": True}),
     "teams as run": ("teams_4", RUNS | {"agents_count": 6, "teams_count": 3, "ending_rule": "all dead"}),
     "teams as written": ("teams_4", TEXT | {"cameras_mode": "omniscient", "rewards_posthumous": False}),
-    "teams among walls": (
-        "teams_4",
-        TEXT | {"agents_count": 6, "rewards_posthumous": False},
-        systems.Pillars(count=30, least=0.4, most=0.9),
-    ),
+    "teams among walls": ("teams_4", TEXT | {"agents_count": 6, "rewards_posthumous": False}, PILLARS),
     "ffa among walls": ("ffa_4", RUNS, PILLARS),
-}
+}  # fmt: skip
 SIDED = RUNS | {"agents_count": 6, "teams_count": 3, "teams_sizes": (1, 2, 3), "boxes_dynamic": True}
 KINDS["teams with roles"] = ("teams_4", SIDED)
 DAILY = ("teams among walls", "teams with roles")

@@ -8,32 +8,10 @@ import numpy as np
 
 from outlast import ecs
 from outlast.components import DamageType
-from outlast.ecs import (
-    RESET,
-    SKIP,
-    STEP,
-    Action,
-    Add,
-    Archetype,
-    Array,
-    Clock,
-    Component,
-    Entity,
-    Module,
-    Observation,
-    Random,
-    Read,
-    Rows,
-    Scratch,
-    Signal,
-    Singleton,
-    Statistic,
-    When,
-    Worlds,
-    Write,
-    column,
-    number,
-    ref,
+
+from outlast.ecs import (  # isort: skip
+    RESET, SKIP, STEP, Action, Add, Archetype, Array, Clock, Component, Entity, Module, Observation, Random, Read, Rows,
+    Scratch, Signal, Singleton, Statistic, When, Worlds, Write, column, number, ref,
 )  # fmt: skip
 from outlast.ecs.kernels.random import uniform
 
