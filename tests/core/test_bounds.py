@@ -3,16 +3,11 @@
 import math
 from typing import Any
 
-import gymnasium
-import numpy as np
 import pytest
-from gymnasium.wrappers import FilterObservation, FlattenObservation, RescaleObservation
 
 import outlast
 from outlast import Scenario, make_vec, variant
-from outlast.components import Bag, Body, Item
-from outlast.ecs import DeclarationError, Entity
-from outlast.ecs.kernels.random import NORMAL
+from outlast.ecs import DeclarationError
 from outlast.envs.rollout.policies import random_policy, scripted_policy
 from outlast.systems import DropLast
 from tests.conftest import few_by_day, scaled
@@ -42,7 +37,6 @@ BY_DAY = ("ffa_1", "teams_3", "hall", "far away", "zones alike", "crowd", "no wa
 
 @pytest.mark.parametrize("name", few_by_day(CASES, BY_DAY))
 def test_every_observation_lies_within(name: str) -> None:
-    """Random and scripted play, over several episodes of many worlds."""
     env = make_vec(CASES[name], scaled(48, least=2), seed=3)
     single: Any = env.single_observation_space
     lows, highs = ({key: getattr(box, end) for key, box in single.items()} for end in ("low", "high"))
@@ -92,37 +86,11 @@ def test_a_single_value_leaves_room_for_another_one() -> None:
     assert row("", "heal_slot", scenario) == [(0, 1)]
 
 
-def test_no_normal_is_beyond_its_bound() -> None:
-    """Box-Muller draws its distance from 2**-53 at least."""
-    assert math.sqrt(-2 * math.log(2.0**-53)) < NORMAL - 0.02
-
-
-def test_items_placed_in_a_wall() -> None:
-    """An agent at the wall, facing it, has a heal and a box item: it drops the one and uses the other."""
-    scenario = variant("ffa_3").with_(DropLast(offset=2.0)).replace(boxes_offset=1.5)
-    for kind, act in (("heal", [1, 1, 1, 0, 0, 0, 1]), ("box_item", [1, 1, 1, 0, 1, 0, 0])):
-        env = make_vec(scenario, 1, seed=0)
-        env.reset()
-        body, bag, item = env.worlds[Body], env.worlds[Bag], env.worlds.span(kind).start
-        body.x[0, 0], bag.items[0, 0, 0], bag.count[0, 0] = 12.2, item, 1
-        env.worlds[Entity].alive[0, env.worlds.span("box").start] = 0
-        env.worlds[Entity].alive[0, item], env.worlds[Item].holder[0, item] = 0, 0
-        idle = [1, 1, 1, 0, 0, 0, 0]
-        env.step(np.array([[act, idle]]))
-        row = env.worlds.span("heal" if kind == "heal" else "box").start
-        assert env.worlds[Entity].alive[0, row]
-        assert body.x[0, row] > 13.5
-        box: Any = env.single_observation_space["heals" if kind == "heal" else "boxes"]
-        assert body.x[0, row] <= box.high[0, 0, 0 if kind == "heal" else 8]
-
-
 def said(key: str, ends: Any) -> Scenario:
-    """With a mechanic that does nothing but say what can be."""
     return variant("ffa_1").with_(mechanic("Said", bounds=lambda self, layout: {key: ends}))
 
 
 def test_of_what_several_modules_say_the_widest_counts() -> None:
-    """So a mechanic can break the bounds of another one; but not what a column declares."""
     assert row("", "heal_slot", said("heal_slot", {"amount": (-5, 20)})) == [(-5, 75)]
     assert row("", "heal_slot", said("heal_slot", {"amount": (0, 200)})) == [(0, 200)]
     assert row("", "heals_mask", said("heals_mask", (-5, 5)))[0] == (0, 1)
@@ -143,31 +111,3 @@ def test_bounds_that_cannot_be_are_refused() -> None:
     ):
         with pytest.raises(DeclarationError, match=r"said.bounds\(\) " + words):
             make_vec(said(key, ends), 1)
-
-
-def flat(*keys: str) -> Any:
-    env = gymnasium.make("outlast/Teams3-v1", others="scripted")
-    return FlattenObservation(FilterObservation(env, keys) if keys else env)
-
-
-def play(env: Any) -> Any:
-    """The observations in the episode of a seed."""
-    rows, done = [env.reset(seed=0)[0]], False
-    env.action_space.seed(0)
-    while not done and len(rows) < scaled(200, least=20):
-        seen, _, done, _, _ = env.step(env.action_space.sample())
-        rows.append(seen)
-    assert len(rows) >= 20
-    return np.array(rows)
-
-
-def test_rescaling_keeps_distinct_values() -> None:
-    raw, keys = flat("zone", "heals"), ("zone", "heals")
-    low, high = raw.observation_space.low, raw.observation_space.high
-    assert raw.observation_space.is_bounded()
-    seen = play(raw)
-    found = play(RescaleObservation(flat(*keys), np.float32(0), np.float32(1)))
-    assert found.dtype == np.float32
-    assert ((found >= 0) & (found <= 1)).all()
-    np.testing.assert_allclose(found, (seen - low) / (high - low), atol=1e-6)
-    assert len(np.unique(found)) > 0.9 * len(np.unique(seen))

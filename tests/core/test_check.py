@@ -64,6 +64,11 @@ GAME = outlast.variant("ffa_3")
     [
         (Beyond(), {"bounds": "gauge of agent 1 in world 0, step 5, is 7, and 0 to 1 is declared"}),
         (Unpaid(), {"finite": "reward of agent 1 in world 0, step 3, is nan"}),
+        pytest.param(
+            Wrapping(),
+            {"python": "with wrapping.wrap as Python gauge of agent 0 in world 0, step 0, is 1, not 0"},
+            marks=pytest.mark.skipif(not COMPILED, reason="both are Python"),
+        ),
         (Late(), {"python": "draws at an index at which it has drawn already (0)"}),
         (
             Timed(),
@@ -87,24 +92,11 @@ def test_what_is_wrong_is_found(mechanic: Module, found: dict[str, str]) -> None
         assert str(finding) == f"{finding.check}: {finding.text}"
 
 
-@pytest.mark.skipif(not COMPILED, reason="both are Python")
-def test_what_python_computes_otherwise_is_found() -> None:
-    (finding,) = outlast.check(GAME.with_(Wrapping()), worlds=2, steps=30)
-    assert finding.check == "python"
-    assert "with wrapping.wrap as Python gauge of agent 0 in world 0, step 0, is 1, not 0" in finding.text
-
-
 @pytest.mark.parametrize("name", ["ffa_1", "teams_4"])
 def test_nothing_is_found_in_games_that_are_right(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert outlast.check(name, worlds=3, steps=100) == []
     assert main(["check", name, "--worlds", "2", "--steps", "40"]) == 0
     assert capsys.readouterr().out.split() == [word for check in CHECKS for word in (check, "ok")]
-
-
-def test_a_check_of_no_steps_is_none() -> None:
-    with pytest.raises(ValueError, match="steps = 0: an integer of at least 1 is needed"):
-        outlast.check("ffa_1", steps=0)
-    assert outlast.check("ffa_1", worlds=1, steps=1) == []
 
 
 def test_the_command_fails_where_something_is_found(capsys: pytest.CaptureFixture[str]) -> None:

@@ -5,11 +5,9 @@ import pickle
 from pathlib import Path
 
 import gymnasium
-import numpy as np
 import pytest
 
-import outlast
-from outlast import errors, make_vec
+from outlast import errors
 from outlast.errors import OutlastError
 
 FOLDERS = ("ecs", "components", "systems", "envs", "training", ".src/outlast")
@@ -48,17 +46,3 @@ def test_an_error_has_one_base_and_one_that_is_caught_already(name: str) -> None
     raised = error("what, and the cure")
     assert str(raised) == "what, and the cure"
     assert str(pickle.loads(pickle.dumps(raised))) == "what, and the cure"  # as worker processes send it
-
-
-def test_errors_of_environments_are_caught_as_gymnasium_s() -> None:
-    env = make_vec("ffa_1", 2, seed=0)
-    with pytest.raises(gymnasium.error.ResetNeeded):
-        env.step(np.tile(env.noop, (2, 2, 1)))
-    env.reset()
-    env.send(np.tile(env.noop, (2, 2, 1)))
-    with pytest.raises(gymnasium.error.AlreadyPendingCallError) as raised:
-        env.send(np.tile(env.noop, (2, 2, 1)))
-    assert raised.value.name == "step"
-    env.recv()
-    with pytest.raises(OutlastError):
-        outlast.variant("ffa_9")

@@ -29,7 +29,6 @@ OTHER_BARS = outlast.levels.FloorPlan(walls=[(-2, 1, 0.4, 3), (2, 1, 0.4, 3, 0.3
 
 
 def small(name: str, *mechanics: Module, **numbers: Any) -> Scenario:
-    """A game in a small room, in which much happens."""
     scenario = outlast.variant(name).with_(*mechanics)
     numbers = SMALL | numbers
     return scenario.replace(**{key: value for key, value in numbers.items() if key in scenario.numbers()})
@@ -71,7 +70,6 @@ REFUSED = {
 
 
 def other(module: Module, item: Any) -> Any:
-    """Another value of a number."""
     value = getattr(module, item.name)
     if (name := f"{module.name}_{item.name}") in OTHERS:
         return OTHERS[name]
@@ -85,7 +83,6 @@ def other(module: Module, item: Any) -> Any:
 
 
 def others(scenario: Scenario) -> dict[str, tuple[Any, Any]]:
-    """The value and another one of every number, by name."""
     return {
         f"{module.name}_{item.name}": (getattr(module, item.name), other(module, item))
         for module in scenario.modules
@@ -152,7 +149,6 @@ def fixed(scenario: Scenario, numbers: dict[str, Any]) -> Scenario:
 
 
 def whole(env: SurvivalVectorEnv, actions: Any) -> Iterator[dict[str, Any]]:
-    """What a batch returns, from the reset on."""
     observations, _ = env.reset(seed=3)
     yield dict(sorted(observations.items()))
     for chosen in actions:

@@ -23,7 +23,6 @@ def make(**options: Any) -> SurvivalVectorEnv:
 
 
 def test_two_halves_are_the_whole() -> None:
-    """One half is stepped in the background while the other's actions are chosen."""
     whole, rng = make(), np.random.default_rng(0)
     halves = [make(num_worlds=WORLDS // 2, first_world=first) for first in (0, WORLDS // 2)]
     actions = [draw_actions(whole, rng) for _ in range(STEPS)]
@@ -95,15 +94,3 @@ def test_one_array_for_two_things_is_refused() -> None:
         env.step(np.tile(env.noop, (WORLDS, env.num_agents, 1)), out={"terminated": ends, "truncated": ends})
     with pytest.raises(ValueError, match="out has the name 'a': a mapping is needed"):
         env.step(np.tile(env.noop, (WORLDS, env.num_agents, 1)), out={1: ends, "a": ends})
-
-
-def test_what_an_environment_says_of_itself_cannot_be_changed_by_it() -> None:
-    """Neither what actions mean, nor where fields lie, in other environments of the game, too."""
-    env = make()
-    with pytest.raises(ValueError, match="read-only"):
-        env.action_sizes[:] -= 1
-    fields = env.fields
-    fields["own"].pop("health")  # type: ignore[attr-defined]
-    fields.pop("own")  # type: ignore[attr-defined]
-    assert "health" in env.fields["own"]
-    assert "health" in make().fields["own"]

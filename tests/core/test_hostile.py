@@ -1,10 +1,8 @@
 """Hostile saved states, and files as such: what could do harm is refused, what games lead to is not."""
 
-import dataclasses
 import io
 import zipfile
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,22 +10,17 @@ import pytest
 
 import outlast
 from outlast.components import Bag, Side, Sight
-from outlast.ecs import Action, Archetype, Clock, Component, MemoryLayout, Observation, Signal, Statistic, column
+from outlast.ecs import Action, Clock, Component, MemoryLayout, Observation, Signal, Statistic
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import StateError
-from outlast.envs.snapshots import validation
 from outlast.envs.snapshots.state import State
 from outlast.envs.storage import safe_npz
 from tests.conftest import digest, draw_actions, scaled
 from tests.fuzz.mutations import BOMB, bomb, memory_limit, npy, with_entry_headers, zipped
-from tests.helpers.mechanics import mechanic
-
-# ---- saved states
 
 
 @pytest.fixture(scope="module")
 def env() -> SurvivalVectorEnv:
-    """Three worlds with everything in them, some time after the start."""
     scenario = outlast.variant("teams_3").roles(one=outlast.role(1), others=outlast.role())
     env, rng = outlast.make_vec(scenario, 3, seed=0), np.random.default_rng(0)
     env.reset()
@@ -116,7 +109,6 @@ def test_every_integer_of_a_world_is_checked_or_known_to_do_no_harm() -> None:
 
 
 def put(component: type[Component], column: str, where: Any, value: Any) -> Callable[[Any], None]:
-    """Write a value into a table of a state."""
     return lambda table: getattr(table(component), column).__setitem__(where, value)
 
 
@@ -125,7 +117,7 @@ def put(component: type[Component], column: str, where: Any, value: Any) -> Call
     [
         (
             lambda t: (put(Bag, "items", ..., -1)(t), put(Bag, "count", ..., 1)(t)),
-            "Bag.items is -1 in world 0, row 0: a",
+            "Bag.items is -1 in world 0, row 0: ",
         ),
         (put(Sight, "visible", (2, 1, 2), 1 << 9), "Sight.visible is 512 in world 2, row 1"),
         (put(Sight, "visible", (2, 1, 2), -1), "Sight.visible is -1 in world 2, row 1: a set of"),
@@ -146,65 +138,10 @@ def test_arrays_of_other_lengths_and_truths_that_are_none_are_refused(env: Survi
     assert "bool () a world" in refusal(env, lambda state: state.arrays.update({"over": np.zeros((), bool)}))
 
 
-@pytest.mark.parametrize("name", outlast.VARIANTS)
-def test_what_games_lead_to_is_sound(name: str) -> None:
-    """Also before the first reset, and in mid-episode, over many deaths and resets."""
-    env, rng = outlast.make_vec(outlast.variant(name).replace(agents_health=9), 16, seed=1), np.random.default_rng(1)
-    env.set_state(env.get_state())
-    env.reset()
-    for step in range(scaled(200, 4)):
-        env.step(draw_actions(env, rng))
-        if step % 10 == 0:
-            env.set_state(env.get_state())
-
-
-class Nest(Component):
-    owner: Any = column("i4", fill=-1, low=-1, high=7)
-    warm: Any = column("b1")
-    free: Any = column("i4")
-    beside: Any = column("i4", unit="entity")
-    twig: Any = column("u1", "twigs", below="twigs")
-
-
-def test_a_mechanic_of_ones_own_declares_the_bounds_of_its_columns() -> None:
-    """In numbers, by a unit, or by a dimension. A column without any is not checked."""
-    nests = mechanic("Nests", archetypes=[Archetype("nest", (Nest(),), 3)], dims={"twigs": 2})
-    layout = MemoryLayout([nests])
-    block = np.stack([layout.initial_image] * 2)
-    nests = layout.columns(block, Nest)
-    nests.free[:] = 10**9
-    validation.check(layout, {"world": block})
-    spoils = {
-        "owner is 8 in world 1, row 2: -1 to 7": (nests.owner, (1, 2), 8),
-        "warm is 2 in world 0, row 1: 0 to 1": (nests.warm.view(np.uint8), (0, 1), 2),
-        "beside is 3 in world 0, row 0: -1 to 2": (nests.beside, (0, 0), 3),
-        "twig is 2 in world 1, row 0: 0 to 1": (nests.twig, (1, 0, 1), 2),
-    }
-    for words, (values, where, number) in spoils.items():
-        before, values[where] = values[where], number
-        with pytest.raises(StateError, match=f"Nest.{words} is needed"):
-            validation.check(layout, {"world": block})
-        values[where] = before
-    validation.check(layout, {"world": block})
-
-
-def test_states_are_kept_whatever_a_scenario_is_called(tmp_path: Path) -> None:
-    scenario = dataclasses.replace(outlast.variant("ffa_1"), name="duel\n\x1b[31m" + "x" * 999)
-    env = outlast.make_vec(scenario, 1, seed=0)
-    env.get_state().save(tmp_path / "a.npz")
-    env.set_state(State.load(tmp_path / "a.npz"))
-    assert State.load(tmp_path / "a.npz").scenario["name"] == ("duel??[31m" + "x" * 999)[:200]
-
-
-# ---- zip files and arrays
-
-
 FILES = {"a.npy": npy(np.arange(6, dtype=np.int32).reshape(2, 3)), "b.npy": npy(np.zeros(1000, np.uint8))}
 
 
-def packed_bomb() -> bytes:
-    crc = bomb()[1]
-    return with_entry_headers(zipped({"a.npy": bomb()[0]}), 0, method=zipfile.ZIP_DEFLATED, crc=crc, unpacked=BOMB)
+BOMBED = zipped({"a.npy": bomb()[0]})
 
 
 @pytest.mark.parametrize(
@@ -212,7 +149,7 @@ def packed_bomb() -> bytes:
     [
         (b"", "it is empty"),
         (zipped(FILES, zipfile.ZIP_DEFLATED), "is compressed"),
-        (packed_bomb(), "is compressed"),
+        (with_entry_headers(BOMBED, 0, method=zipfile.ZIP_DEFLATED, crc=bomb()[1], unpacked=BOMB), "is compressed"),
         (with_entry_headers(zipped(FILES), 0, flags=1), "encrypted"),
         (with_entry_headers(zipped(FILES), 1, packed=2**31, unpacked=2**31), "larger than the file"),
         (with_entry_headers(zipped(FILES), 0, unpacked=1500), "larger than the file"),
@@ -222,30 +159,6 @@ def packed_bomb() -> bytes:
     ],
 )
 def test_archives_that_are_not_plain_are_refused(content: bytes, reason: str) -> None:
-    """Whatever they announce, nothing of that size is read."""
     with memory_limit(2 * len(content) + 2**18), pytest.raises(safe_npz.BROKEN, match=reason):
         safe_npz.entries(io.BytesIO(content), ("a.npy",))
     assert safe_npz.entries(io.BytesIO(zipped(FILES))) == FILES
-
-
-@pytest.mark.parametrize(
-    ("kind", "shape"),
-    [
-        ("|O", "(2, 3)"), ("<U1", "(6,)"), ("|V4", "(6,)"), ("<i4", "(-2, -3)"), ("<i4", "(2**3,)"), ("<i4", "(0, 99)"),
-        ("<i4", "(9999999999,)"), ("<i4", "()"), ("<f8", "(2, 3)"), ("<M8", "(3,)"), ("[('a', '<i4')]", "(6,)"),
-    ],
-)  # fmt: skip
-def test_arrays_that_are_no_numbers_or_of_other_sizes_are_refused(kind: str, shape: str) -> None:
-    content = FILES["a.npy"].replace(b"<i4", kind.encode()).replace(b"(2, 3)", shape.encode())
-    with pytest.raises(ValueError, match=r"no array of numbers|of shape \("):
-        safe_npz.array(content)
-    assert safe_npz.array(FILES["a.npy"]).tolist() == [[0, 1, 2], [3, 4, 5]]
-
-
-def test_arrays_are_read_as_numpy_wrote_them() -> None:
-    rng = np.random.default_rng(0)
-    for kind in ("u1", "i1", "b1", "i2", "i4", "i8", "u8", "f4", "f8"):
-        for shape in ((), (0,), (5,), (2, 0, 3), (4, 3, 2, 1)):
-            array = rng.integers(0, 2, shape).astype(kind)
-            again = safe_npz.array(npy(array))
-            assert (again.dtype, again.shape, again.tobytes()) == (array.dtype, array.shape, array.tobytes())

@@ -4,22 +4,19 @@ import json
 import os
 import subprocess
 import sys
-from collections import namedtuple
-from collections.abc import Callable
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 import outlast
 from outlast import Scenario, variant
 from outlast.ecs import Module, Singleton, column
-from outlast.ecs.checks.code_hash import _describe_value, code_digest
+from outlast.ecs.checks.code_hash import code_digest
 from outlast.envs.errors import RecordingError, StateError
 from outlast.envs.recording import Recording
-from outlast.envs.scenarios.fingerprint import classes, difference, fingerprint, is_fingerprint, rebuilt
+from outlast.envs.scenarios.fingerprint import classes, difference, fingerprint, rebuilt
 from outlast.systems import Agents, Ending, FreeForAll, Motors, Rewards
 
 MINE = '''
@@ -142,22 +139,6 @@ def test_what_changes_nothing_does_not_count(what: str, tmp_path: Path) -> None:
     assert code_digest(made(tmp_path)()) == code_digest(made(tmp_path, SAME[what])())
 
 
-def test_values_that_code_refers_to_are_described_with_their_names_and_keys() -> None:
-    ranges = [namedtuple("Range", names)(1.0, 2.0) for names in ("low high", "high low")]
-    for one, two in (ranges, ({0: 1.0}, {0: 2.0})):
-        assert [*_describe_value("value", one, [])] != [*_describe_value("value", two, [])]
-
-
-def test_how_numpy_prints_does_not_count(tmp_path: Path) -> None:
-    """A caller's setting: float64, unlike float32, is also a float of Python."""
-    kind = made(tmp_path, ("np.float32(2)", "np.float64(2)"))
-    dims = kind.dims
-    kind.dims = lambda self: {**dims(self), "mud": np.int64(3)}  # type: ignore[method-assign]
-    expected = code_digest(kind())
-    with np.printoptions(legacy="1.25"):
-        assert code_digest(kind()) == expected
-
-
 def test_the_hash_is_the_same_in_another_process_compiled_or_not(tmp_path: Path) -> None:
     code = "import mine; from outlast.ecs.checks.code_hash import code_digest; print(code_digest(mine.Swamp()))"
     expected = code_digest(made(tmp_path)())
@@ -168,15 +149,7 @@ def test_the_hash_is_the_same_in_another_process_compiled_or_not(tmp_path: Path)
         assert (done.stdout.strip(), done.stderr) == (expected, "")
 
 
-def test_numbers_are_named_before_the_code_that_follows_from_them(tmp_path: Path) -> None:
-    kind: Callable[..., Module] = made(tmp_path)
-    one, two = (fingerprint(variant("ffa_1").with_(kind(radius=radius))) for radius in (4, 8))
-    assert difference(one, two) == "('ffa_1'): swamp_radius is 4.0 there and 8.0 here"
-    assert difference(one, one) == ""
-
-
 def test_fingerprints_of_outlasts_own_mechanics_are_those_of_before(tmp_path: Path) -> None:
-    """Without code; one without code of a game with a user's mechanic is refused."""
     for name in outlast.VARIANTS:
         assert fingerprint(variant(name)).keys() == {"name", "numbers"}
     whole = fingerprint(variant("ffa_1").with_(made(tmp_path)()))
@@ -193,22 +166,6 @@ def test_fingerprints_of_outlasts_own_mechanics_are_those_of_before(tmp_path: Pa
         assert words in difference(whole | {"code": {"swamp": change}}, whole)
 
 
-@pytest.mark.parametrize(
-    "damage",
-    [
-        {"code": []},
-        {"code": {"a": "b"}},
-        {"code": {"a": ["b", "c"]}},
-        {"order": "ab"},
-        {"numbers": {"a": "\n"}},
-        {"varied": {"a": [[[[[[[[[1]]]]]]]]]}},
-    ],
-)
-def test_what_is_no_fingerprint_is_not_taken_for_one(damage: dict[str, Any]) -> None:
-    assert is_fingerprint(fingerprint(variant("ffa_1")))
-    assert not is_fingerprint(fingerprint(variant("ffa_1")) | damage)
-
-
 @pytest.mark.parametrize("damage", [{"order": [["a"]]}, {"order": [[1, 2]]}, {"order": [1]}, {"varied": {"a": []}}])
 def test_no_scenario_is_made_of_entries_that_cannot_be(damage: dict[str, Any]) -> None:
     one = variant("ffa_1")
@@ -220,8 +177,7 @@ def test_the_order_that_a_scenario_gives_is_part_of_it() -> None:
     scenario = variant("ffa_1").ordered("melee.strike", "melee.aim")
     assert scenario != variant("ffa_1")
     assert scenario.without("heals").replace(n_agents=3).order == (("melee.strike", "melee.aim"),)
-    name = "ffa_1-ordered_melee.strike_melee.aim"
-    assert repr(scenario) == f"Scenario({name!r}, {len(scenario.modules)} mechanics, melee.strike before melee.aim)"
+    assert "mechanics, melee.strike before melee.aim)" in repr(scenario)
     words = "('ffa_1'): the order of systems is [] there and [['melee.strike', 'melee.aim']] here"
     assert difference(fingerprint(variant("ffa_1")), fingerprint(scenario)) == words
     assert rebuilt(fingerprint(scenario), classes(scenario)).order == scenario.order

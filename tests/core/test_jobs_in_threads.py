@@ -4,10 +4,6 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
-
-from outlast.envs.core.concurrency import Job
-
 ROOT = Path(__file__).resolve().parents[2]
 
 INTERRUPTED = """
@@ -41,14 +37,3 @@ def test_interrupted_anywhere_it_can_be_started_again() -> None:
     done = subprocess.run([sys.executable, "-c", INTERRUPTED], cwd=ROOT, capture_output=True, text=True, timeout=250)
     assert done.returncode == 0, done.stdout + done.stderr
     assert int(done.stdout) > 4  # calls in `start` and `result`
-
-
-def test_results_and_errors_reach_the_caller() -> None:
-    jobs = [Job(divmod, 7, k) for k in (2, 0, 3)]
-    for job in jobs:
-        job.start()
-    assert jobs[0].result() == (3, 1)
-    with pytest.raises(ZeroDivisionError):
-        jobs[1].result()
-    assert jobs[2].result() == jobs[2].result() == (2, 1)
-    assert all(job.finished for job in jobs)

@@ -8,9 +8,9 @@ import pytest
 
 import outlast
 from outlast import systems, variant
-from outlast.ecs import Archetype, DeclarationError, Module, NumberError, number
+from outlast.ecs import Archetype, Module, NumberError, number
 from outlast.envs.cli.main import main
-from outlast.envs.scenarios.number_table import NumberRow, number_rows
+from outlast.envs.scenarios.number_table import number_rows
 
 
 @dataclasses.dataclass(frozen=True)
@@ -50,22 +50,10 @@ def test_all_of_our_own_numbers_are_explained(name: str) -> None:
     assert all(row.about for row in number_rows(getattr(systems, name)()))
 
 
-def test_rows_of_others() -> None:
-    count, rows, speeds = number_rows(Crowd(rows=3))
-    assert count == NumberRow("crowd_count", "1", "1", "", "", "")
-    assert rows == NumberRow("crowd_rows", "3", "1", "at least 1", "", "")
-    assert speeds[1:] == ("1.5,2", "1.5,2", "each at least 0.5", "metres a second", "of those who run")
-
-
 @pytest.mark.parametrize("numbers", [{"count": 2**31 - 1}, {"rows": 2**31 - 1}, {"count": 65_537}, {"rows": 65_537}])
 def test_tables_that_could_not_be_laid_out_are_refused_at_once(numbers: dict[str, int]) -> None:
     with pytest.raises(NumberError, match=r"at most 65536 (is|are) possible"):
         outlast.make_vec(variant("ffa_1").with_(Crowd(**numbers)), 1)
-
-
-def test_units_and_meanings_are_text() -> None:
-    with pytest.raises(DeclarationError, match=r"unit=3: a text is needed"):
-        number(1, unit=3)  # type: ignore[arg-type]
 
 
 def test_the_command_says_what_numbers_are_drawn_from(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:

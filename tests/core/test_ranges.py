@@ -29,7 +29,6 @@ BARS = outlast.levels.FloorPlan(walls=[(-4, 0, 0.4, 5), (4, 0, 0.4, 5, 0.6)])
 
 
 def game(name: str, *mechanics: Any) -> Scenario:
-    """Return a variant with more mechanics, in which boxes can be pushed and agents live long."""
     scenario = outlast.variant(name).with_(*mechanics)
     return scenario.replace(**{key: value for key, value in EVENTFUL.items() if key in scenario.numbers()})
 
@@ -124,7 +123,6 @@ def play(env: SurvivalVectorEnv) -> None:
 
 
 def place_at_wall(env: SurvivalVectorEnv) -> None:
-    """Put the first agent beside the wall on the right, unless blocks may be there."""
     room, body, e = env.scenario.numbers(), env.worlds[Body], env.worlds.span("agent").start
     if Wall not in env.worlds:
         inside = env.worlds[Floor].size[0, 0] / 2 * (1 - room["room_thickness"])

@@ -11,8 +11,7 @@ import pytest
 
 import outlast
 from outlast import make_vec, variant
-from outlast.components import Bag, Health, Phase, Shape, Side, Solid
-from outlast.ecs import AgentRoles, NumberError, Rows, Write
+from outlast.ecs import AgentRoles, NumberError
 from outlast.envs.core.agents import side
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import StateError
@@ -21,7 +20,6 @@ from outlast.envs.scenarios.parse import with_roles
 from outlast.envs.scenarios.scenario_json import plain_roles, roles_of
 from outlast.systems import DropLast, Melee, Teams
 from tests.conftest import draw_actions, run, scaled
-from tests.helpers.mechanics import kind
 
 WORLDS, TICKS = scaled(32, least=3), scaled(300, least=15)
 QUICK: dict[str, Any] = {"agents_health": 40, "room_size": 14.0, "safe_zone_radii": (6.0, 3.0), "safe_zone_stand": 30}
@@ -46,7 +44,6 @@ OTHERS: dict[str, Any] = {
 
 
 def steps(env: SurvivalVectorEnv, ticks: int = TICKS) -> Iterable[Any]:
-    """What reset and random steps return."""
     rng = np.random.default_rng(4)
     yield env.reset(seed=3)
     for _ in range(ticks):
@@ -54,7 +51,6 @@ def steps(env: SurvivalVectorEnv, ticks: int = TICKS) -> Iterable[Any]:
 
 
 def flat(outcome: Any) -> list[Any]:
-    """Observations, rewards and ends."""
     return [*(value for _, value in sorted(outcome[0].items())), *outcome[1:-1]]
 
 
@@ -80,33 +76,6 @@ def test_a_role_that_all_have_is_the_game_with_its_numbers() -> None:
         (variant("ffa_2+steering").replace(**QUICK), steering),
     ):
         alike(scenario.roles(all=outlast.role(**other), observed=False), scenario.replace(**other))
-
-
-Strong = kind("Strong")  # by hand: the first agent has more hit points, is larger, heavier, and carries less
-
-
-@Strong.system(Phase.DRAW, after=Shape)
-def make_strong(
-    health: Write[Health], shape: Write[Shape], solid: Write[Solid], bag: Write[Bag], agents: Rows[Side]
-) -> None:
-    e = agents[0]
-    health.points[e], shape.radius[e], solid.density[e] = 70, 0.8, 2
-    for k in range(1, bag.items.shape[1]):
-        bag.items[e, k] = -2
-
-
-def test_a_role_is_what_a_mechanic_that_writes_columns_makes() -> None:
-    strong = outlast.role(1, agents_health=70, agents_radius=0.8, agents_density=2.0, inventory_capacity=1)
-    alike(ONE_THREE.roles(strong=strong, others=outlast.role(), observed=False), ONE_THREE.with_(Strong()))
-
-
-def test_teams_have_their_sizes() -> None:
-    env = make_vec(ONE_THREE, 2, seed=0)
-    observations, _ = env.reset()
-    assert observations["own"][..., 1].tolist() == [[0, 1, 1, 1]] * 2
-    assert env.sides == ("team 0", "team 1")
-    many = variant("teams_2").replace(n_agents=6, teams_count=3, teams_sizes=(2, 1, 3))
-    assert make_vec(many, 1).reset()[0]["own"][0, :, 1].tolist() == [0, 0, 1, 2, 2, 2]
 
 
 @pytest.mark.parametrize(
@@ -204,14 +173,6 @@ def test_roles_and_sides_are_named() -> None:
     assert make_vec(mixed, 1).sides == ("team 0", "team 1")
 
 
-def test_rewards_follow_the_role() -> None:
-    env = make_vec(DRAWN, WORLDS, seed=1)
-    for k, (_, *rest) in enumerate(steps(env, 20)):
-        if k:
-            rewards, info = rest[0], rest[-1]
-            assert (rewards[info["alive"]] == np.where(info["roles"] == 0, 2, 1)[info["alive"]]).all()
-
-
 @pytest.mark.parametrize("scenario", [HUNT, DRAWN], ids=["hunt", "drawn"])
 def test_a_scenario_is_rebuilt_with_its_roles(scenario: Any) -> None:
     kept = json.loads(json.dumps(fingerprint(scenario)))
@@ -226,16 +187,6 @@ def test_a_scenario_is_rebuilt_with_its_roles(scenario: Any) -> None:
         make_vec(scenario.roles(strong=outlast.role(1), weak=outlast.role()), 1).set_state(
             make_vec(scenario, 1).get_state()
         )
-
-
-def test_derived_scenarios_say_their_roles() -> None:
-    assert DRAWN.name != HUNT.name != ONE_THREE.name
-    assert "roles 1 hunter and 3 prey" in HUNT.about
-    assert HUNT.replace(melee_reach=3).by_role == HUNT.by_role
-    bare = HUNT.without("melee")
-    assert "melee_damage" not in bare.by_role.numbers
-    assert "agents_health" in bare.by_role.numbers
-    assert "observe_roles" not in HUNT.roles(all=outlast.role(), observed=False)
 
 
 def test_unknown_numbers_get_a_hint() -> None:
@@ -262,18 +213,6 @@ def test_a_number_that_every_role_sets_is_changed_there() -> None:
     assert both.replace(melee_reach=3.0).numbers()["melee_reach"] == 3.0  # that of role a
 
 
-def test_numbers_of_a_role_need_to_fit_each_other_only() -> None:
-    scenario = variant("ffa_1").replace(mortality_limit=50, agents_health=10)
-    env = make_vec(scenario.roles(a=outlast.role(1), b=outlast.role(agents_health=80, mortality_limit=90)), 1, seed=0)
-    env.reset()
-    assert env.worlds[Health].points[0, :2].tolist() == [10, 80]
-
-
-def test_roles_are_not_observed_without_roles() -> None:
-    with pytest.raises(NumberError, match=r"observe_roles\.count = 2, but there are 0 roles"):
-        make_vec(variant("ffa_1").with_(outlast.systems.ObserveRoles()), 1)
-
-
 @pytest.mark.parametrize("change", [{"count": 1.5}, {"agents": [-1]}, {"agents": [1, 1]}, {"name": "a b"}])
 def test_data_of_no_role_is_refused(change: dict[str, Any]) -> None:
     with pytest.raises(NumberError, match=r"integer|a role's name"):
@@ -288,17 +227,10 @@ def test_commands_take_roles_from_a_file(tmp_path: Path, capsys: Any) -> None:
     status, out, _ = run(capsys, "schedule", *game, file)
     assert status == 0
     assert "observe_roles" in out
-    rest = '{"drawn": "never", "roles": [{"name": "boss", "count": 1, "numbers": {}}, {"name": "a", "numbers": {}}]}'
-    file.write_text(rest)
-    named = {"boss": outlast.role(1), "a": outlast.role()}
-    assert with_roles(variant("teams_3"), file).by_role == variant("teams_3").roles(**named).by_role
     for roles, message in (
-        ([{"name": "a"}], "only one role can leave out who has it"),
         ([{"name": "a", "count": 1, "agents": [0], "numbers": {}}], "is not {"),
         ([{"name": "a", "count": 4, "numbers": {"melee_damage": -1}}], "role a: melee.dam"),
-        ([{"name": "drawn", "count": 4, "numbers": {}}], "'drawn' is not a name of a role"),
         ([{"name": "a", "count": 9, "numbers": {}}], "9 a are 9 agents, but n_agents is 4"),
-        ("[]", "does not hold roles: roles: [] is not"),
         ("{", "does not hold roles: Expecting property"),
         ('{"drawn": "never", "drawn": "anyone", "roles": []}', "does not hold roles: "),
     ):
@@ -310,16 +242,6 @@ def test_commands_take_roles_from_a_file(tmp_path: Path, capsys: Any) -> None:
     status, _, error = run(capsys, "schedule", *game, tmp_path / "nothing.json")
     assert status == 2
     assert "nothing.json cannot be read: No such file" in error
-
-
-@pytest.mark.parametrize("name", ["self", "numbers", "None"])
-def test_a_role_may_be_called_as_a_parameter_is(tmp_path: Path, name: str) -> None:
-    """Apart from the options of Scenario.roles, of which test_unknown_numbers_get_a_hint has the error."""
-    given = {"drawn": "never", "roles": [{"name": name, "count": 4, "numbers": {"melee_damage": 3}}]}
-    (path := tmp_path / "roles.json").write_text(json.dumps(given))
-    scenario = with_roles(ONE_THREE, path)
-    assert make_vec(scenario, 1).roles == (name,)
-    assert scenario == ONE_THREE.roles(**{name: outlast.role(4, melee_damage=3)})
 
 
 def test_no_number_is_called_self() -> None:

