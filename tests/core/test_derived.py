@@ -49,13 +49,6 @@ def test_names_say_what_was_changed(derived: Scenario, name: str) -> None:
     assert not difference(fingerprint(derived), fingerprint(again))
 
 
-def test_the_sentence_says_it_too() -> None:
-    assert variant("teams_3").replace(n_agents=6).without("heals").about == (
-        "two teams of two, heals and boxes; outliving pays; changed: without heals, n_agents=6"
-    )
-    assert dataclasses.replace(DUEL, about="").replace(n_agents=3).about == "changed: n_agents=3"
-
-
 def test_what_is_drawn_from_otherwise_has_another_name() -> None:
     ends = [(1, 2), (1, 3), (2, 3)]
     drawn = [kind(*pair) for kind in (uniform, log_uniform, integers, choice) for pair in ends] + [choice(1, 1, 2)]

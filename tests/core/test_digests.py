@@ -12,7 +12,6 @@ from tests import digests
 from tests.conftest import COMPILED, slow_compiled
 from tests.digests import FILE, MARKS, behaviour_digests, environment, golden, platform_name
 
-COMMAND = "python -m tests.digests --write"
 ROOT = Path(__file__).parents[2]
 
 
@@ -26,7 +25,9 @@ ROOT = Path(__file__).parents[2]
 )
 def test_behaviour_is_as_written(name: str, ticks: int) -> None:
     if environment(name) not in golden().get(platform_name(), {}):
-        pytest.skip(f"no digests of {environment(name)} on {platform_name()}; {COMMAND} adds them")
+        pytest.skip(
+            f"no digests of {environment(name)} on {platform_name()}; python -m tests.digests --write adds them"
+        )
     assert digests.changed(name, behaviour_digests(name, ticks)) == ""
 
 

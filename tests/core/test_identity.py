@@ -75,7 +75,6 @@ def wade(body: Write[Body], mud: Read[Mud], entities: Read[Entity], agents: Rows
 '''  # noqa: E501
 CHANGES = {  # each of them makes another game of it
     "a number in the code": ("0 * uniform", "1 * uniform"),
-    "an operator": ("speed * (1 - drag)", "speed / (1 - drag)"),
     "a kernel of outlast": (
         "from outlast.components.body import inverse",
         "from outlast.components.body import ONE as inverse",
@@ -97,9 +96,7 @@ CHANGES = {  # each of them makes another game of it
 }
 SAME = {
     "a comment": ("# a comment", "# another comment"),
-    "a line": ("LIMITS =", "\n\nLIMITS ="),
     "a docstring": ('"""What is left of the speed."""', '"""The rest."""'),
-    "no docstring": ('    """What is left of the speed."""\n', ""),
     "an annotation": ("def slowed(speed, drag)", "def slowed(speed: float, drag: float) -> float"),
     "what is not used": ("LIMITS =", "UNUSED = 3\nLIMITS ="),
 }  # fmt: skip

@@ -9,7 +9,6 @@ from outlast.envs.rollout.policies import POLICIES, random_policy, scripted_poli
 from tests.conftest import COMPILED, few_by_day, scaled
 
 WORLDS, STEPS = scaled(256, 2), scaled(700, 5)
-variants = pytest.mark.parametrize("variant", few_by_day(outlast.VARIANTS, ("ffa_2", "teams_4")))
 
 
 @pytest.mark.parametrize("name", sorted(POLICIES))
@@ -20,7 +19,7 @@ def test_what_is_no_environment_is_refused(name, given):
 
 
 @pytest.mark.skipif(not COMPILED, reason="statistics need episodes by the hundred")
-@variants
+@pytest.mark.parametrize("variant", few_by_day(outlast.VARIANTS, ("ffa_2", "teams_4")))
 def test_the_script_beats_chance(variant):
     """Side 0 follows the script, the others act at random, in the same worlds for the same number of steps."""
     env = outlast.make_vec(variant, WORLDS, seed=1, check_actions=False)

@@ -244,14 +244,6 @@ def test_commands_take_roles_from_a_file(tmp_path: Path, capsys: Any) -> None:
     assert "nothing.json cannot be read: No such file" in error
 
 
-def test_no_number_is_called_self() -> None:
-    env = make_vec("ffa_2", 1)
-    changes: Any = ONE_THREE.replace, ONE_THREE.vary, env.set_numbers, env.worlds.set_numbers, Melee().replace
-    for change in changes:
-        with pytest.raises(NumberError, match="self"):
-            change(self=outlast.distributions.uniform(1, 2) if change == ONE_THREE.vary else 1)
-
-
 LIMITS: dict[str, Any] = {"hunter": ("boxes", "use"), "prey": ("attack", "others")}
 
 

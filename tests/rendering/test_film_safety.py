@@ -40,10 +40,16 @@ def test_mistakes_leave_what_was_there(tmp_path: Path, suffix: str, mistake: str
 
 
 @pytest.mark.parametrize(
-    ("name", "message"),
-    [("film.avi", "ends in .mp4, .webm, .gif, .apng"), ("nowhere/film.mp4", "there is no folder"), ("taken", "file")],
+    ("name", "fps", "message"),
+    [
+        ("film.avi", 30, "ends in .mp4, .webm, .gif, .apng"),
+        ("nowhere/film.mp4", 30, "there is no folder"),
+        ("taken", 30, "file"),
+        ("film.gif", 60, r"fps = 60: an integer from 1 to 50 is needed for \.gif"),
+    ],
 )
-def test_paths_that_cannot_be(tmp_path: Path, name: str, message: str) -> None:
+def test_films_that_cannot_be(tmp_path: Path, name: str, fps: int, message: str) -> None:
+    needs(Path(name).suffix)
     (tmp_path / "taken").write_text("mine")
 
     def never() -> Iterator[Image]:
@@ -51,7 +57,7 @@ def test_paths_that_cannot_be(tmp_path: Path, name: str, message: str) -> None:
         yield
 
     with pytest.raises(FilmError, match=message):
-        write_film(tmp_path / name, never())
+        write_film(tmp_path / name, never(), fps)
     assert os.listdir(tmp_path) == ["taken"]
 
 
@@ -101,12 +107,6 @@ def test_names_that_are_not_utf_8(tmp_path: Path, suffix: str) -> None:
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
     assert (done.returncode, done.stderr) == (0, "")
     assert sorted(os.listdir(os.fsencode(folder))) == [b"film" + suffix.encode(), b"n\xff" + suffix.encode()]
-
-
-def test_gifs_have_a_highest_speed(tmp_path: Path) -> None:
-    needs(".gif")
-    with pytest.raises(FilmError, match=r"fps = 60: an integer from 1 to 50 is needed for \.gif"):
-        write_film(tmp_path / "film.gif", frames(), 60)
 
 
 def test_without_ffmpeg_the_error_says_what_to_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

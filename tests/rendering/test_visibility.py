@@ -65,8 +65,3 @@ def test_what_is_in_the_drawn_cone_is_what_the_simulation_sees(cone: str, occlud
             compared.append(visible)
     assert len(compared) > 0.7 * len(places)
     assert 0.2 < np.mean(compared) < 0.8
-
-
-def test_agents_that_observe_everything_have_no_cone() -> None:
-    game = ScenarioBuilder("ffa_4", cameras_mode="omniscient")
-    assert not covered(game).any()
