@@ -46,23 +46,21 @@ from outlast.training.research.results import PaperGroup, group_runs, load_runs,
 
 # Mean and deviation of the last tenth, height and place (million steps) of the peak: computed apart from this code.
 PUBLISHED = [
-    ("ffa_1", "rollout/reward0", 938.516, 118.621, 998.497, 9.96),
-    ("ffa_2", "rollout/steps", 1049.219, 74.331, 1106.069, 9.99),
-    ("ffa_2", "rollout/kills0", 0.002, 0.011, 0.038, 3.80),
-    ("ffa_4", "rollout/heals_used", 1.163, 0.263, 1.435, 4.82),
-    ("teams_3", "rollout/kills1", 0.034, 0.021, 0.088, 1.90),
+    ("ffa_1", "rollout/reward0", [938.516, 118.621, 998.497], 9.96),
+    ("ffa_2", "rollout/steps", [1049.219, 74.331, 1106.069], 9.99),
+    ("ffa_2", "rollout/kills0", [0.002, 0.011, 0.038], 3.80),
+    ("ffa_4", "rollout/heals_used", [1.163, 0.263, 1.435], 4.82),
+    ("teams_3", "rollout/kills1", [0.034, 0.021, 0.088], 1.90),
 ]
 LINES = "tag,step,value\nrollout/reward0,10,1.5\nrollout/steps,10,2.5\nrollout/reward0,20,3\nrollout/steps,20,4\n"
 
 
-@pytest.mark.parametrize(("name", "tag", "mean", "deviation", "peak", "place"), PUBLISHED)
-def test_curves_are_those_published(
-    name: str, tag: str, mean: float, deviation: float, peak: float, place: float
-) -> None:
+@pytest.mark.parametrize(("name", "tag", "expected", "place"), PUBLISHED)
+def test_curves_are_those_published(name: str, tag: str, expected: list[float], place: float) -> None:
     theirs = published_curves(name)
     found = curves.end_value(theirs.values[tag])
     steps, height = curves.average([theirs], tag).peak
-    assert [found.mean, found.deviation, height] == pytest.approx([mean, deviation, peak], abs=6e-4)
+    assert [found.mean, found.deviation, height] == pytest.approx(expected, abs=6e-4)
     assert steps / 1e6 == pytest.approx(place, abs=6e-3)
     agents = 4 if name.startswith("teams") else 2
     assert theirs.steps.tolist() == [16384 * agents * k for k in range(1, 612 // agents + 1)]
@@ -148,20 +146,34 @@ def test_what_is_not_kept_curves_is_refused(tmp_path: Path, text: Any, message: 
         load_runs([tmp_path])
 
 
-def folder(place: Path, changes: dict[str, Any] | None = None, **plan: Any) -> Path:
-    """What a run leaves behind, without the weights."""
+def run(place: Path, name: Any = "ffa_2", height: float = 1, points: int = 20, numbers=None, **plan: Any) -> Path:
     place.mkdir(parents=True)
-    given = {"preset": "original", "seed": 0, "worlds": 64, "rollout": 16384, "dead": "keep", "settings": {}} | plan
-    scenario = preset(given["preset"]).scenario(variant("ffa_2").replace(**changes or {}))
-    (place / "run.json").write_text(json.dumps({"plan": given, "scenario": fingerprint(scenario)}))
-    log(place, LINES)
+    given = {"preset": "fast", "seed": 0, "worlds": 256, "rollout": 32768, "settings": {}}
+    given |= {"steps": 1000 * points} | plan
+    game = (variant(name) if isinstance(name, str) else name).replace(**numbers or {})
+    header = {"plan": given, "scenario": fingerprint(preset(given["preset"]).scenario(game))}
+    (place / "run.json").write_text(json.dumps(header))
+    rows = ["tag,step,value\n"]
+    for k in range(1, points + 1):
+        values = {"steps": height * k, "reward0": height * k, "reward1": 3 * height * k, "kills0": 1, "kills1": 2}
+        values = {f"rollout/{tag}": value for tag, value in values.items()}
+        values |= {"time/fps": 500, "wins/scripted": k / points, "train/loss": "nan"}
+        rows += [f"{tag},{1000 * k},{value}\n" for tag, value in values.items()]
+    log(place, "".join(rows))
     return place
+
+
+def folder(place: Path, **plan: Any) -> Path:
+    """A run like those of the paper."""
+    return run(place, **({"preset": "original", "worlds": 64, "rollout": 16384, "dead": "keep"} | plan))
 
 
 def test_runs_are_what_they_say_and_seeds_are_sorted(tmp_path: Path) -> None:
     settings = {"gamma": 0.9, "vf_coef": 0.5}
-    (run,) = load_runs([folder(tmp_path / "x", {"safe_zone_damage": 2}, preset="paper", seed=4, settings=settings)])
-    assert (run.scenario, run.seed, run.steps, run.name) == ("ffa_2", 4, 20, "ffa_2-paper-4")
+    (run,) = load_runs(
+        [folder(tmp_path / "x", numbers={"safe_zone_damage": 2}, preset="paper", seed=4, settings=settings)]
+    )
+    assert (run.scenario, run.seed, run.steps, run.name) == ("ffa_2", 4, 20_000, "ffa_2-paper-4")
     assert run.unlike == {"worlds": 64, "gamma": 0.9, "safe_zone_damage": 2}
     assert load_runs([folder(tmp_path / "y", worlds=1)])[0].unlike == {}
     for seed in (10, 2):
@@ -178,7 +190,7 @@ def refused(places: Sequence[Path], message: str) -> None:
 
 def test_what_is_no_group_of_runs_is_refused(tmp_path: Path) -> None:
     one = folder(tmp_path / "one")
-    strong = {"changes": {"safe_zone_damage": 2}, "seed": 1}
+    strong = {"numbers": {"safe_zone_damage": 2}, "seed": 1}
     for name, other, message in (
         ("a", {"seed": 1, "dead": "drop"}, "dead is keep in .*one but drop in .*a; `outlast plot` compares them"),
         ("b", {"seed": 1, "settings": {"gamma": 0.9}}, "gamma is 0.99 in .*one but 0.9 in .*b"),
@@ -210,6 +222,7 @@ def keep(
     values = {tag: (factor * value[:points]).astype(np.float32) for tag, value in theirs.values.items()}
     about: dict[str, Any] = {"variant": name, "plan": {**PLAN, "seed": seed, **plan}, "changed": {}}
     run = f"{name}-{about['plan']['preset']}-{seed}"
+    folder.mkdir(exist_ok=True)
     others = kept_runs(folder)
     (folder / curves.FILE).write_bytes(
         curves.format_curves(others | {run: (about, curves.Curves(theirs.steps[:points], values))})
@@ -297,7 +310,7 @@ def test_it_is_too_early_for_unfinished_runs(tmp_path: Path) -> None:
 
 def test_claims_hold_for_the_paper_and_say_nothing_of_other_games(tmp_path: Path) -> None:
     """Ours are the paper's own curves here, of one seed as they are and of another with fewer points."""
-    paths = [keep(tmp_path, name, seed, points=306) for name in (*FFA, *TEAMS) for seed in (0, 1)]
+    paths = [keep(tmp_path / name, name, seed, points=306) for name in (*FFA, *TEAMS) for seed in (0, 1)]
     found = list(findings(group_runs(load_runs(paths))))
     assert len(found) == sum(not np.isnan(each.paper) for each in found) > 35
     assert all(each.ours == (each.paper, each.paper) and each.holds for each in found)
@@ -308,7 +321,6 @@ def test_claims_hold_for_the_paper_and_say_nothing_of_other_games(tmp_path: Path
 
 
 def test_what_is_refused_leaves_nothing(tmp_path: Path) -> None:
-    (tmp_path / "one").mkdir(), (tmp_path / "kept").mkdir()
     mine, before = keep(tmp_path / "one", "ffa_2"), keep(tmp_path / "kept", "ffa_2", dead="drop")
     content, out = (tmp_path / "kept" / curves.FILE).read_bytes(), ("--out", tmp_path / "out")
     for words, message in (
@@ -323,11 +335,9 @@ def test_what_is_refused_leaves_nothing(tmp_path: Path) -> None:
 
 
 def test_runs_that_are_kept_already_stay(tmp_path: Path) -> None:
-    """One is kept beside another, and can be drawn without it; a run of theirs that is not there is named."""
     for seed in (8, 7):
-        folder = tmp_path / str(seed)
-        folder.mkdir()
-        outlast_plot(keep(folder, "ffa_2", seed), "--out", tmp_path / "out", "--keep", tmp_path / "kept")
+        mine = keep(tmp_path / str(seed), "ffa_2", seed)
+        outlast_plot(mine, "--out", tmp_path / "out", "--keep", tmp_path / "kept")
     assert [run.seed for run in load_runs([tmp_path / "kept"])] == [7, 8]
     assert [run.seed for run in load_runs([tmp_path / "kept/ffa_2-original-8"])] == [8]
     known = "has no run ffa_2-original-9; known: ffa_2-original-7, ffa_2-original-8"
@@ -358,24 +368,6 @@ def test_runs_of_outlast_train_are_understood(tmp_path: Path) -> None:
 
 
 KEPT = Path(__file__).resolve().parents[2] / "results/worlds-64"
-
-
-def run(
-    place: Path, name: Any = "ffa_2", height: float = 1.0, points: int = 20, numbers: Any = None, **plan: Any
-) -> Path:
-    """The folder of a run whose curves rise to a height."""
-    place.mkdir(parents=True)
-    given = {"preset": "fast", "seed": 0, "worlds": 256, "rollout": 32768, "settings": {}}
-    given |= {"steps": 1000 * points} | plan
-    scenario = fingerprint((variant(name) if isinstance(name, str) else name).replace(**numbers or {}))
-    (place / "run.json").write_text(json.dumps({"plan": given, "scenario": scenario}))
-    rows = [("tag", "step", "value")]
-    for k in range(1, points + 1):
-        values = {"steps": height * k, "reward0": height * k, "reward1": 3 * height * k, "kills0": 1, "kills1": 2}
-        rows += [(f"rollout/{tag}", 1000 * k, value) for tag, value in values.items()]
-        rows += [("time/fps", 1000 * k, 500), ("wins/scripted", 1000 * k, k / points), ("train/loss", 1000 * k, "nan")]
-    (place / "log.csv").write_text("".join(f"{tag},{step},{value}\n" for tag, step, value in rows))
-    return place
 
 
 def labels(*places: Path, by: tuple[str, ...] = ()) -> list[str]:
@@ -436,7 +428,7 @@ def test_the_title_has_what_was_changed(tmp_path: Path) -> None:
 
 def test_games_are_named_first_where_they_and_presets_differ(tmp_path: Path) -> None:
     """ffa_1 and ffa_2 differ in few numbers; a preset that tells the runs apart does not stand for the game."""
-    run(tmp_path / "a", "ffa_1", preset="original", numbers={"cameras_mode": "revealed"})  # as this preset has it
+    run(tmp_path / "a", "ffa_1", preset="original")
     run(tmp_path / "b", "ffa_2", preset="paper")
     assert labels(tmp_path) == ["ffa_1, original", "ffa_2, paper"]
     assert "| ffa_1 | original |" in str(compare([tmp_path]))
@@ -521,7 +513,6 @@ def test_the_axis_fits_the_data_and_the_legend_names_the_groups(tmp_path: Path) 
 
 
 def test_over_hours_a_mean_ends_where_the_first_run_does(tmp_path: Path) -> None:
-    """Over hours, runs are averaged at equal hours, and no mean falls because the faster one has ended."""
     run(tmp_path / "a"), run(tmp_path / "b", seed=1, height=0.5, points=10, steps=20000)
     log = tmp_path / "b/log.csv"
     log.write_text(re.sub("time/fps,(.*),500", r"time/fps,\1,100", log.read_text()))  # 100 s for half of the steps
@@ -540,7 +531,6 @@ def test_over_hours_a_mean_ends_where_the_first_run_does(tmp_path: Path) -> None
 
 
 def test_nothing_of_a_figure_is_cut_off_or_overlaps(tmp_path: Path) -> None:
-    """Texts are inside of the picture, and the legend is above the panels, with many groups of long names, too."""
     many = ",".join(f"{name}:0.1" for name in ("self", "past", "scripted", "camper", "hunter", "hoarder", "healer"))
     for k in range(11):
         opponents = f"self:0.{k + 1}" if k else many
@@ -568,7 +558,6 @@ def test_a_curve_that_only_some_runs_have_is_drawn_for_those(tmp_path: Path) -> 
 
 
 def test_runs_without_an_episode_are_left_out_with_a_line(tmp_path: Path, caplog) -> None:
-    """F22: one of them made the whole command fail."""
     run(tmp_path / "a"), run(tmp_path / "b", seed=1), run(tmp_path / "c", seed=2)
     (tmp_path / "b/log.csv").write_text("tag,step,value\ntrain/loss,10,1\n")
     (tmp_path / "c/log.csv").unlink()
