@@ -287,7 +287,6 @@ PLAN = {"preset": "fast", "seed": 0, "worlds": 64, "rollout": 1024, "settings": 
 
 
 def policy_of(label: str, plan: dict[str, Any] | None = None, steps: int = 100, **numbers: float) -> Any:
-    """A contender as far as groups ask for it."""
     header = {"plan": plan or {}, "steps": steps, "scenario": {"name": "ffa_2", "numbers": numbers}}
     return SimpleNamespace(label=label, text=f"{label}.zip", player=SimpleNamespace(header=header))
 
@@ -473,7 +472,6 @@ def test_ctrl_c_prints_the_pairings_that_are_complete(capsys, caplog, monkeypatc
 
 
 def run_folder(place: Path, *steps: int) -> Path:
-    """The folder of a run with checkpoints after so many agent-steps."""
     place.mkdir(parents=True)
     for count in steps:
         saved(place / f"steps_{count:010d}.zip", "paper")

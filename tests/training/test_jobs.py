@@ -44,9 +44,8 @@ if __name__ == "__main__":
     ],
 )
 def test_as_many_run_at_once_as_there_are_cores_for_this_process(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: str, at_once: int
+    tmp_path, monkeypatch, words: str, at_once: int
 ) -> None:
-    """As in a job of 5 of 128 cores."""
     for needed in ("matplotlib", "imageio_ffmpeg") if words.startswith("reproduce") else ():
         pytest.importorskip(needed, reason=f"needs {needed}: outlast[plot,view]")
     monkeypatch.setattr(os, "sched_getaffinity", lambda process: {3, 5, 8, 13, 21})
@@ -70,11 +69,8 @@ def test_results_come_in_order(at_once: int) -> None:
     assert (found[-1] == os.getpid()) == (at_once == 1)
 
 
-def _kill_this_process() -> None:
-    os.kill(os.getpid(), getattr(signal, "SIGKILL", signal.SIGTERM))
-
-
 ENDLESS, ENDED = partial(time.sleep, 1000), "a process that played was ended, maybe as memory ran out"
+KILLED = partial(signal.raise_signal, getattr(signal, "SIGKILL", signal.SIGTERM))
 
 
 @pytest.mark.timeout(120)
@@ -82,8 +78,8 @@ ENDLESS, ENDED = partial(time.sleep, 1000), "a process that played was ended, ma
     ("jobs", "error", "words"),
     [
         ([partial(divmod, 1, 0), ENDLESS], ZeroDivisionError, "zero"),
-        ([_kill_this_process, ENDLESS], TrainingError, ENDED),
-        ([ENDLESS, _kill_this_process], TrainingError, ENDED),
+        ([KILLED, ENDLESS], TrainingError, ENDED),
+        ([ENDLESS, KILLED], TrainingError, ENDED),
     ],
     ids=["raises", "killed first", "killed last"],
 )

@@ -24,9 +24,7 @@ DENSE = outlast.variant(GAME).replace(
 )
 
 
-def test_checkpoints_play_against_each_other_and_against_who_answers_them(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_checkpoints_play_against_each_other_and_against_who_answers_them(tmp_path: Path, capsys: Any) -> None:
     small: dict[str, Any] = {"worlds": 4, "rollout": 64, "every": 1, "quiet": True}
     run, other, out = (tmp_path / name for name in ("run", "other", "out"))
     outlast.train(GAME, run, steps=1280, **small)  # five rollouts of 256 agent-steps

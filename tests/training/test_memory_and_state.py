@@ -53,7 +53,6 @@ def config(**changes: Any) -> TrainingConfig:
 
 
 def saved(path: Path, **changes: Any) -> Path:
-    """A policy that is not nearly uniform, as a checkpoint."""
     made = config(**changes)
     trainer = Trainer(made)
     for own in trainer.policies:

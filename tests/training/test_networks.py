@@ -59,7 +59,6 @@ def seen(name: str, chosen: str, worlds: int = 32, steps: int = 60) -> tuple[Obs
 
 
 def packed(chosen: str, layout: ObservationLayout, observations: Arrays) -> Any:
-    """As networks take it, in float64."""
     return doubled(Packer(layout, Form(preset(chosen).leaky, False))(observations))
 
 
@@ -74,7 +73,6 @@ def make(chosen: str, layout: ObservationLayout, own: Any) -> Any:
 
 
 def evaluated(policy: Any, inputs: Any, actions: Any) -> tuple[Any, Any, Any]:
-    """Values, log probabilities of the actions, entropies."""
     logs, values, _ = policy(inputs)
     return values, policy.choices.of(actions, logs), policy.choices.entropy(logs)
 
@@ -119,8 +117,6 @@ def paper_extractor(extractor: Any, layout: ObservationLayout, observations: Arr
 
 
 def towers(policy: Any, known: list[Any], active: Any) -> tuple[list[Any], Any]:
-    """A torch distribution for each action, and values."""
-
     def run(tower: Any, inputs: Any) -> Any:
         return tower.last(active(tower.second(active(tower.first(inputs)))))
 
@@ -138,7 +134,6 @@ def naive_outputs(policy: Any, layout: ObservationLayout, observations: Arrays, 
 
 
 def gradients(policy: Any, outputs: Any) -> dict[str, Any]:
-    """The gradient of each parameter, with a part of each output in it."""
     policy.zero_grad()
     values, logs, entropy = outputs
     (logs.mean() + values.square().mean() + 0.3 * entropy.mean()).backward()

@@ -38,7 +38,6 @@ def make(seed: int = 5, scenario: Any = SHORT, **options: Any) -> Trainer:
 
 
 def pool(weights: dict[str, float], prioritised: bool = False, **figures: tuple[float, float]) -> OpponentPool:
-    """A pool with these games won and played."""
     opponents = OpponentPool(weights, {}, make_vec(SHORT, 1), prioritised=prioritised)
     for one in opponents.all.values():
         one.won, one.games = figures.get(one.name, (0.0, 0.0))

@@ -121,9 +121,7 @@ def test_what_is_not_measured_is_refused(tmp_path: Path, content: bytes) -> None
         ("mended", ("ffa_2-fast", "ffa_2+health_cap+bounty+steering-fast"), "measured.md"),
     ],
 )
-def test_tables_are_of_all_games_that_are_there(
-    part: str, games: tuple[str, str], table: str, tmp_path: Path, monkeypatch: Any, capsys: Any
-) -> None:
+def test_tables_are_of_all_games_that_are_there(part: str, games: Any, table, tmp_path, monkeypatch, capsys) -> None:
     """Also where one is asked for after the other; films are of that one."""
     filmed = list[str]()
     monkeypatch.setattr(reproduce, "_film", lambda scenario, policy, path: filmed.append(path.name) or path)

@@ -44,7 +44,6 @@ class Mark(Singleton):
 
 
 def marked(size: float) -> Module:
-    """A user's mechanic, whose code differs in a prefab value."""
     return type("Marked", (Module,), {"singletons": lambda self: [Mark(size=size)]})()
 
 
@@ -163,9 +162,7 @@ def test_a_run_of_another_plan_is_refused_and_left_alone(begun: Folders, tmp_pat
     assert {path: path.read_bytes() for path in folder.iterdir()} == before
     for row in (b"rollout/steps,many,1\n", b"\xff,8,1\n"):
         (folder / "log.csv").write_bytes(before[folder / "log.csv"] + row)
-        with pytest.raises(
-            TrainingError, match=r"log\.csv(, line \d+: .* is not a tag, a step, a val| cannot be read)"
-        ):
+        with pytest.raises(TrainingError, match=r"log\.csv(, line \d+: .* is not a tag, a s| cannot be read)"):
             resume(folder, 2)
 
 
@@ -223,7 +220,6 @@ def test_files_of_opponents_may_lie_elsewhere(whole: Folders, begun: Folders, tm
 
 
 def interrupted(run: TrainingRun) -> None:
-    """Ctrl-C in the middle of the next update."""
     optimizer = run.trainer.learners[0].optimizer
     step = optimizer.step
 
@@ -357,8 +353,8 @@ def test_two_processes_do_not_train_one_run(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("again", [False, True])
-def test_a_run_that_another_process_trains_is_left(
-    whole: Folders, begun: Folders, tmp_path: Path, again: bool, monkeypatch
+def test_a_run_that_another_process_has_trained_is_left(
+    whole: Folders, begun: Folders, tmp_path, again, monkeypatch
 ) -> None:
     folder = begun(1) if again else tmp_path / "run"
 
@@ -420,7 +416,6 @@ def test_what_agents_see_is_not_changed_without_a_word(mode: Any, preset: str, w
 
 @pytest.mark.nightly
 def test_agents_learn_to_stay_in_the_zone(tmp_path: Path) -> None:
-    """In a world that is all about it: they live longer, and nearer to its middle, than at first."""
     zone = {"safe_zone_radii": (4.0,), "safe_zone_centres": "middle", "safe_zone_stand": 1000, "safe_zone_damage": 2}
     world = variant("ffa_1").replace(room_size=20.0, n_heals=1, ending_limit=200, **zone)
     settings = {"n_epochs": 8, "gamma": 0.98, "learning_rate": 1e-3}

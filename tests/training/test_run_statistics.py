@@ -50,18 +50,6 @@ def test_every_task_weighs_the_same_whatever_its_runs() -> None:
     assert statistics.probability_of_improvement(uneven, {"b": [8], "a": [2, 2, 2]}) == (0.5 + 0.25) / 2
 
 
-def test_leading_axes_are_kept() -> None:
-    rng = np.random.default_rng(0)
-    many = {"a": rng.random((6, 5)), "b": rng.random((6, 3))}
-    one_by_one = [{task: each[k] for task, each in many.items()} for k in range(6)]
-    for name in ("mean", "median", "iqm", "performance_profile"):
-        assert FUNCTIONS[name](many) == pytest.approx(np.array([FUNCTIONS[name](one) for one in one_by_one])), name
-    improvement = statistics.probability_of_improvement(many, one_by_one[0])
-    assert improvement == pytest.approx(
-        [statistics.probability_of_improvement(one, one_by_one[0]) for one in one_by_one]
-    )
-
-
 def test_the_interval_is_that_of_all_resamplings() -> None:
     values = [0.1, 0.2, 0.4, 0.8, 0.9]
     every = [np.mean(drawn) for drawn in itertools.product(values, repeat=5)]

@@ -32,8 +32,6 @@ TINY["settings"] = {"batch_size": 128, "anneal_lr": False}
 
 
 class Remembering(Pooled):
-    """Mixes what it sees with its memory."""
-
     def forward(self, seen: Any, memory: Any = None, begins: Any = None) -> Any:
         logs, values, _ = super().forward(seen)
         last = values.detach().view(-1, len(memory))
@@ -86,7 +84,11 @@ def test_old_values_are_those_of_the_rollout() -> None:
 
 @pytest.mark.parametrize(
     ("networks", "options"),
-    [(Pooled, {"policies": "side", "opponents": "self:1,past:1", "snapshots": 1}), (Remembering, {"memory": 8})],
+    [
+        (Pooled, {"policies": "side", "opponents": "self:1,past:1", "snapshots": 1}),
+        (Remembering, {"memory": 8}),
+        (WithState, {"critic": "state"}),
+    ],
 )
 def test_networks_of_ones_own(networks: Any, options: dict[str, Any], tmp_path: Path) -> None:
     run = train(tmp_path / "run", networks=networks, **options)
@@ -95,7 +97,7 @@ def test_networks_of_ones_own(networks: Any, options: dict[str, Any], tmp_path: 
     assert "random" in str(outlast.evaluate("ffa_2", [run.policy, "random"], episodes=4))
     more = train(tmp_path / "more", EACH, networks=networks, warm_start=run.policy, **options)
     assert more.steps == EACH
-    if not player.memory:
+    if networks is Pooled:
         values, likely, attention = player.explainer()(outlast.make_vec("ffa_2", 2).reset(seed=0)[0])
         assert np.isfinite([values.sum(), likely.sum()]).all()
         assert not np.any(attention)
@@ -178,13 +180,6 @@ def test_networks_that_are_not_imported_are_named(tmp_path: Path, monkeypatch) -
         Player(run.policy)
 
 
-def test_a_critic_of_the_state_plays_without_it(tmp_path: Path) -> None:
-    run = train(tmp_path / "run", EACH, networks=WithState, critic="state")
-    assert np.asarray(Player(run.policy)(outlast.make_vec("ffa_2", 2).reset(seed=0)[0])).shape == (2, 2, 6)
-    with pytest.raises(TrainingError, match="Pooled has a critic that learns from the state: define logs"):
-        make("fast", networks=Pooled, critic="state")
-
-
 class NoLogs(Pooled):
     def forward(self, seen: Any, memory: Any = None, begins: Any = None) -> Any:
         logs, values, memory = super().forward(seen, memory, begins)
@@ -216,6 +211,7 @@ def mean(batch: Any) -> Any:
         ({"loss": lambda batch: mean(batch), "processes": 2}, r"loss = .*<lambda> cannot be imported"),
         ({"networks": NoLogs}, "NoLogs does not return log probabilities"),
         ({"networks": WideValues}, r"WideValues returns tensors of shapes .* must be"),
+        ({"networks": Pooled, "critic": "state"}, "Pooled has a critic that learns from the state: define logs"),
         ({"networks": Rows}, "networks = .*Rows.*: must be a subclass of outlast.training.policies.policy.Networks"),
         ({"networks": lambda *sizes, **given: None}, "networks = .*<lambda> cannot be imported"),
         ({"networks": 3}, "networks = 3: must be a subclass of"),

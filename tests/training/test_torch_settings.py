@@ -73,7 +73,7 @@ def outcome(folder: Path, preset: str, memory: int) -> dict[str, Any]:
     return found
 
 
-@pytest.fixture(scope="module", params=[("fast", 4), pytest.param(("original", 0), marks=pytest.mark.nightly)])
+@pytest.fixture(scope="module", params=[("fast", 4), ("original", 0)])
 def plain(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[tuple[str, int], Any]:
     return request.param, outcome(tmp_path_factory.mktemp("plain") / "run", *request.param)
 
@@ -85,9 +85,8 @@ def here() -> list[Any]:
     return [modes, makes, torch.get_num_threads(), torch.get_rng_state().tolist()]
 
 
-@pytest.mark.parametrize(
-    "names", [tuple(SETTINGS), *(pytest.param((name,), marks=pytest.mark.nightly) for name in SETTINGS)]
-)
+@pytest.mark.parametrize("names", [tuple(SETTINGS), *((name,) for name in SETTINGS)], ids="-".join)
+@pytest.mark.by_day(1)
 def test_no_setting_changes_a_number_and_none_is_changed(plain: Any, tmp_path: Path, names: Any) -> None:
     chosen, expected = plain
     with contextlib.ExitStack() as stack:

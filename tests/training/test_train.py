@@ -150,7 +150,6 @@ def test_seeds_and_variants_are_trained_side_by_side(tmp_path: Path, capsys) -> 
 
 
 def test_a_sweep_is_a_run_of_each_combination(tmp_path: Path, monkeypatch) -> None:
-    """Each child gets the words that train the config which the study planned for it."""
     found: list[ChildRun] = []
     monkeypatch.setattr(train, "side_by_side", lambda runs, *_: found.extend(runs) or 0)
     words = ("--sweep", "melee_damage=5,20", "--sweep", "gamma=0.9,0.99", "--seed", "0", "1", "--out", str(tmp_path))
@@ -186,7 +185,6 @@ def test_a_run_ends_well_whatever_it_prints(program: str, status: int, last: str
 
 
 def test_every_option_reaches_every_run() -> None:
-    """Words of options that differ from the usual in every option give the same options again."""
     (command,) = (each.choices["train"] for each in parser()._actions if isinstance(each.choices, dict))
     given = """
         --layout=maze --set=n_agents=3 --set=melee_damage=4 --vary=melee_reach=uniform(1,2) --without=heals --with=Maze
@@ -215,9 +213,7 @@ def test_resumed_runs_without_a_checkpoint_are_named(tmp_path: Path, monkeypatch
 
 
 @contextlib.contextmanager
-def two_runs(
-    folder: Path, prepare: Callable[[], object] | None
-) -> Iterator[tuple["subprocess.Popen[str]", list[Path]]]:
+def two_runs(folder: Path, prepare: Callable[[], object] | None) -> Iterator[tuple[Any, list[Path]]]:
     """A command that trains two runs, which have logged something; and their logs. prepare: called in its process."""
     words = [sys.executable, "-m", "outlast", "train", "ffa_1", "ffa_2", "--jobs", "2", "--out", str(folder), *WORDS]
     pipe = subprocess.PIPE

@@ -199,18 +199,15 @@ def watched(folder: Path, monkeypatch) -> Iterator[RunWatcher]:
 
 
 def add(folder: Path, steps: int, policy: Path) -> Path:
-    """A checkpoint, as training writes it: at once."""
     shutil.copy(policy, folder / "new")
     return (folder / "new").replace(folder / CHECKPOINT.format(steps))
 
 
 def whole(watcher: RunWatcher) -> bool:
-    """Whether the newest episode is there to its end."""
     return bool(watcher.recorded and watcher.recorded["whole"])
 
 
 def until(watcher: RunWatcher, condition: Callable[[Any], bool]) -> Any:
-    """The first status for which the condition holds."""
     deadline = time.monotonic() + 60
     while not condition(status := watcher.status()):
         assert time.monotonic() < deadline, status
