@@ -131,18 +131,6 @@ def test_a_window_shows_every_tick(monkeypatch: pytest.MonkeyPatch) -> None:
     assert pygame.display.get_surface() is None
 
 
-def test_a_window_for_many_worlds_is_gymnasiums(monkeypatch: pytest.MonkeyPatch) -> None:
-    pygame = pytest.importorskip("pygame", reason="a window needs pygame")
-    monkeypatch.setenv("SDL_VIDEODRIVER", "dummy")
-    batch = SurvivalLearnerVectorEnv(4, render_mode="rgb_array")
-    env = gymnasium.wrappers.vector.HumanRendering(batch, screen_size=(200, 200))
-    env.reset(seed=SEED)
-    env.step(np.tile(IDLE, (4, 1)))
-    shown = pygame.surfarray.array3d(pygame.display.get_surface())
-    assert len(np.unique(shown.reshape(-1, 3), axis=0)) > 10
-    env.close()
-
-
 class Wanderer:
     """Turns for as many ticks as it has been called for in a world, and then walks."""
 
@@ -271,27 +259,23 @@ def test_registration_in_a_fresh_process(name: str) -> None:
     assert done.returncode == 0, done.stderr
 
 
-MADE: dict[str, tuple[dict[str, Any], type[Exception], str]] = {
-    "no such agent": ({"learner": 2}, ValueError, "learner = 2: an agent of ffa_3 .* 0 to 1"),
-    "an agent by name": ({"learner": "agent_0"}, ValueError, "learner = 'agent_0'.*integer"),
-    "an agent as truth": ({"learner": True}, ValueError, "learner = True"),
-    "no such policy": (
-        {"others": "clever"},
-        ValueError,
-        f"others = 'clever': clever: {', '.join(POLICIES)} or a saved",
-    ),
-    "a number for a policy": ({"others": 3}, ValueError, "others = 3: 3 is not a policy"),
+MADE: dict[str, tuple[dict[str, Any], str]] = {
+    "no such agent": ({"learner": 2}, "learner = 2: an agent of ffa_3 .* 0 to 1"),
+    "an agent by name": ({"learner": "agent_0"}, "learner = 'agent_0'.*integer"),
+    "an agent as truth": ({"learner": True}, "learner = True"),
+    "no such policy": ({"others": "clever"}, f"others = 'clever': clever: {', '.join(POLICIES)} or a saved"),
+    "a number for a policy": ({"others": 3}, "others = 3: 3 is not a policy"),
 }
+
+
+@pytest.mark.parametrize("name", MADE)
+def test_environments_that_cannot_be(name: str) -> None:
+    options, message = MADE[name]
+    for kind in (SurvivalEnv, lambda **options: SurvivalLearnerVectorEnv(2, **options)):
+        with pytest.raises(ValueError, match=message):
+            kind(**options)
 
 
 def test_a_batch_names_the_wrapper_that_opens_windows() -> None:
     with pytest.raises(ValueError, match=r"render_mode = 'human'.*gymnasium\.wrappers\.vector\.HumanRendering"):
         SurvivalLearnerVectorEnv(2, render_mode="human")
-
-
-@pytest.mark.parametrize("name", MADE)
-def test_environments_that_cannot_be(name: str) -> None:
-    options, error, message = MADE[name]
-    for kind in (SurvivalEnv, lambda **options: SurvivalLearnerVectorEnv(2, **options)):
-        with pytest.raises(error, match=message):
-            kind(**options)

@@ -14,7 +14,6 @@ from gymnasium.spaces import unflatten
 
 import outlast
 from outlast.ecs import Entity
-from outlast.envs.errors import ActionError
 from tests.conftest import few_by_day
 from tests.helpers.execution_modes import EACH_LEVEL, HUNT, equal, short
 
@@ -33,18 +32,10 @@ LIMIT = 20  # ticks after which some worlds are truncated, and others have ended
 ARRAYS = ("observations", "rewards", "terminals", "truncations", "masks")
 
 
-def make(name: str = "teams_3", worlds: int = WORLDS, **options: Any) -> Any:
-    return outlast.adapters.make_puffer(short(name), worlds, **options)
-
-
 def drawn(env: Any, tick: int) -> np.ndarray[Any, Any]:
     """Random actions, the same for two environments of one shape; of another type every tick."""
     actions = np.random.default_rng(tick).integers(0, SIZES, (env.num_agents, 6))
     return actions.astype(["i4", "u1", "i8"][tick % 3])
-
-
-def copies(env: Any) -> list[Any]:
-    return [getattr(env, name).copy() for name in ARRAYS]
 
 
 def alike(one: list[Any], other: list[Any]) -> bool:
@@ -139,19 +130,6 @@ def test_puffers_backends(backend: str) -> None:
     vector.close()
     assert episodes >= 2 * worlds
     assert cut > 0
-
-
-@needs_puffer
-def test_a_refused_call_changes_nothing() -> None:
-    env = make(seed=SEED)
-    env.reset()
-    before, bad = copies(env), drawn(env, 0).astype(np.int64)
-    bad[3, 1] = 3
-    with pytest.raises(ActionError, match=r"action 1 \(left\) of sub-environment 3 is 3"):
-        env.step(bad)
-    assert alike(copies(env), before)
-    with pytest.raises(ValueError, match="render_mode"):
-        env.render()
 
 
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "puffer_ppo.py"

@@ -215,51 +215,6 @@ def test_what_rllib_checks_uses_up_no_seed(seed):
     assert states == after_the_check(seed, {})
 
 
-def test_a_wrong_configuration_is_reported():
-    for config, words in (
-        ({"scenario": "ffa_9"}, "did you mean"),
-        ({"dead": "no"}, "dead"),
-        ({"n_agnts": 3}, "n_agents"),
-    ):
-        with pytest.raises(ValueError, match=words):
-            SurvivalMultiAgentEnv(config)
-
-
-@pytest.mark.slow
-def test_ppo_trains_with_masks(workers):
-    """With RLlib's own module for them, which never draws a masked action."""
-    from ray.rllib.algorithms.ppo import PPOConfig
-    from ray.rllib.core.rl_module import MultiRLModuleSpec, RLModuleSpec
-    from ray.rllib.examples.rl_modules.classes.action_masking_rlm import ActionMaskingTorchRLModule
-
-    scenario, drawn = execution_modes.short("teams_3").replace(**SHORT), []
-
-    class Watched(SurvivalMultiAgentEnv):
-        def step(self, action_dict):
-            masks = self._parallel.action_masks()
-            drawn.extend(masks[agent][action] for agent, action in action_dict.items())
-            return super().step(action_dict)
-
-    form = {"actions": "joint", "observations": "flat", "scaled": True, "action_masks": True}
-    module = RLModuleSpec(module_class=ActionMaskingTorchRLModule, model_config={"head_fcnet_hiddens": [16]})
-    config = (
-        PPOConfig()
-        .environment(Watched, env_config={"scenario": scenario, **form}, disable_env_checking=True)
-        .env_runners(num_env_runners=0, num_envs_per_env_runner=2)
-        .multi_agent(policies={"all"}, policy_mapping_fn=lambda agent, episode, **more: "all")
-        .rl_module(rl_module_spec=MultiRLModuleSpec(rl_module_specs={"all": module}))
-        .training(train_batch_size_per_learner=200, minibatch_size=50, num_epochs=1)
-        .debugging(seed=0)
-    )
-    algorithm = config.build_algo()
-    try:
-        assert np.isfinite(algorithm.train()["learners"]["all"]["total_loss"])
-    finally:
-        algorithm.stop()
-    assert len(drawn) >= 200
-    assert all(drawn)
-
-
 @pytest.mark.slow
 def test_ppo_trains_on_a_batch_of_worlds(workers):
     """One learner a world, by the entry point of the batch: no environment is made for each world."""
