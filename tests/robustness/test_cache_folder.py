@@ -28,7 +28,6 @@ from outlast.ecs.kernels.machine_code import Code
 from tests.engine.test_compile import ROOT, SCRIPT, in_process
 
 DIGEST = 2  # the index of the digest in the output of a process
-Warm = tuple[dict[Path, tuple[bytes, int]], str]
 
 
 COUNTED = """
@@ -70,43 +69,6 @@ def test_one_process_compiles_at_a_time(place: Path, monkeypatch: pytest.MonkeyP
         with one_at_a_time() if waiting else contextlib.nullcontext(), one_at_a_time():
             assert bool(waits) == waiting
         waits.clear()
-
-
-def halved(content: bytes) -> bytes:
-    return content[: len(content) // 2]
-
-
-DAMAGE: dict[str, Callable[[bytes], bytes]] = {
-    "half": halved,
-    "nothing": lambda content: b"",
-    "zeros": lambda content: bytes(len(content)),
-    "one bit of the code": lambda content: content[:-999] + bytes([content[-999] ^ 1]) + content[-998:],
-    "no header": lambda content: content.partition(b"\n")[2],
-    "another header": lambda content: b"[]\n" + content.partition(b"\n")[2],
-}
-
-
-@pytest.fixture(scope="module")
-def warm(tmp_path_factory: pytest.TempPathFactory) -> Warm:
-    """The files of a filled cache with their age, and the digest of the run that filled it."""
-    folder = tmp_path_factory.mktemp("cache")
-    digest = in_process(folder)[DIGEST]
-    files = [*folder.rglob(f"*{SUFFIX}")]
-    return {path.relative_to(folder): (path.read_bytes(), path.stat().st_mtime_ns) for path in files}, digest
-
-
-@pytest.mark.nightly
-@pytest.mark.parametrize("damage", DAMAGE)
-def test_damaged_files_are_made_anew(warm: Warm, damage: str, tmp_path: Path) -> None:
-    """Files as a full disk or a power cut leaves them."""
-    files, digest = warm
-    for path, (content, age) in files.items():
-        target = tmp_path / path
-        target.parent.mkdir(parents=True, exist_ok=True)
-        target.write_bytes(DAMAGE[damage](content))
-        os.utime(target, ns=(age, age))
-    assert in_process(tmp_path)[DIGEST] == digest
-    assert in_process(tmp_path)[:2] == ["0", "True"]  # now loaded from the folder
 
 
 def failing(cache: Path, before: str = "") -> subprocess.CompletedProcess[str]:
@@ -159,39 +121,34 @@ def made(folder: Path, mode: int = 0o755, link: Path | None = None) -> None:
         folder.chmod(mode)
 
 
+def nothing(here: Path) -> None:
+    """Prepare nothing."""
+
+
+def twice_open(here: Path, link: Path | None = None) -> None:
+    """A folder for all, and in it the user's, which is for all, too, or a link."""
+    made(here, 0o777)
+    made(here / OWN, 0o777, link)
+
+
 # $OUTLAST_CACHE_DIR ("": none, HERE: a folder that is prepared), how it is prepared, where code goes, and why there
 HERE = "HERE"
 TEMPORARY = f"temporary/{OWN}"
 PLACES: dict[str, tuple[str, Callable[[Path], object], str | None, str]] = {
-    "none is named": ("", lambda here: None, "home/.cache/outlast", ""),
-    "in the home": ("~/a/b", lambda here: None, "home/a/b", ""),
-    "in a home that is not there": ("~nobody at all/a", lambda here: None, TEMPORARY, "home"),
-    "relative": ("a/b", lambda here: None, "start/a/b", ""),
-    "a new one": (HERE, lambda here: None, "here", ""),
+    "none is named": ("", nothing, "home/.cache/outlast", ""),
+    "in the home": ("~/a/b", nothing, "home/a/b", ""),
+    "in a home that is not there": ("~nobody at all/a", nothing, TEMPORARY, "home"),
+    "relative": ("a/b", nothing, "start/a/b", ""),
+    "a new one": (HERE, nothing, "here", ""),
     "an own one": (HERE, made, "here", ""),
     "a link to a private one": (HERE, lambda here: made(here, link=here.with_name("there")), "here", ""),
     "for a group": (HERE, lambda here: made(here, 0o2775), f"here/{OWN}", ""),
     "for all": (HERE, lambda here: made(here, 0o1777), f"here/{OWN}", ""),
-    "a file": (HERE, lambda here: here.write_text(""), TEMPORARY, "here: File exists"),
+    "a file": (HERE, Path.touch, TEMPORARY, "here: File exists"),
     "a link to nothing": (HERE, lambda here: here.symlink_to("nothing"), TEMPORARY, "here: File exists"),
-    "for all, and so is the user's in it": (
-        HERE,
-        lambda here: (made(here, 0o777), made(here / OWN, 0o777)),
-        TEMPORARY,
-        "others can write to .*here",
-    ),
-    "for all, and the user's in it is a link": (
-        HERE,
-        lambda here: (made(here, 0o777), made(here / OWN, link=here.with_name("there"))),
-        TEMPORARY,
-        "others can write to .*here",
-    ),
-    "none can be used": (
-        HERE,
-        lambda here: (here.write_text(""), made(here.parent / TEMPORARY, 0o777)),
-        None,
-        "here: File exists; others can write to .*temporary",
-    ),
+    "all of it for all": (HERE, twice_open, TEMPORARY, "others can write to .*here"),
+    "a link in one for all": (HERE, lambda here: twice_open(here, here.with_name("there")), TEMPORARY, "others can"),
+    "none can be used": (HERE, lambda here: (here.touch(), made(here.parent / TEMPORARY, 0o777)), None, "here: File"),
 }
 
 
@@ -280,24 +237,6 @@ def shared(place: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
 
 
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
-def test_users_of_a_group_keep_code_apart(shared: Path) -> None:
-    """Each has a folder below the group's, finds its own code again, and does not load that of others."""
-    made(shared, 0o2775)
-    os.chown(shared, 0, 5)
-
-    def run() -> list[bool]:
-        folder = cache_folder()
-        assert folder
-        others = [cache_files.read(other / "a.unit") for other in shared.iterdir() if other != folder]
-        before = cache_files.read(folder / "a.unit") is not None
-        return [folder.parent == shared, any(others), before, cache_files.write(folder / "a.unit", CODE)]
-
-    for turn in (False, True):
-        for user in (70_000, 70_001):
-            assert as_user(user, run) == [True, False, turn, True]
-
-
-@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
 def test_users_load_the_code_in_an_image(shared: Path) -> None:
     """Root's, years old, from a folder that they cannot write to; what is missing goes to a temporary folder."""
     folder = cache_folder()
@@ -340,20 +279,26 @@ def link(path: Path) -> None:
     path.symlink_to(path.with_name("linked"))
 
 
-def huge(path: Path) -> None:
-    with path.open("wb") as file:
-        file.truncate(2**40)
+def damaged(path: Path, damage: Callable[[bytes], bytes]) -> None:
+    """A file as a full disk or a power cut leaves it."""
+    cache_files.write(path, CODE)
+    path.write_bytes(damage(path.read_bytes()))
 
 
 ODD: dict[str, Callable[[Path], Any]] = {
-    "a FIFO": lambda path: os.mkfifo(path),
+    "half": lambda path: damaged(path, lambda content: content[: len(content) // 2]),
+    "zeros": lambda path: damaged(path, lambda content: bytes(len(content))),
+    "one bit": lambda path: damaged(path, lambda content: content[:-1] + bytes([content[-1] ^ 1])),
+    "another header": lambda path: damaged(path, lambda content: b"[]\n" + content.partition(b"\n")[2]),
+    "nothing in it": Path.touch,
+    "a FIFO": os.mkfifo,
     "a link": link,
     "a link to itself": lambda path: path.symlink_to(path),
     "deep JSON": lambda path: path.write_text("[" * 200_000),
-    "a huge file": huge,
+    "a huge file": lambda path: (path.touch(), os.truncate(path, 2**40)),
     "not UTF-8": lambda path: path.write_bytes(b"\xff\xfe\x00"),
     "a link to nothing": lambda path: path.symlink_to(path.with_name("nothing")),
-    "a folder": lambda path: path.mkdir(),
+    "a folder": Path.mkdir,
 }
 
 

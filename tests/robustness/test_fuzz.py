@@ -23,6 +23,7 @@ from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from random import Random
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -39,10 +40,8 @@ FILES = {
     "levels.Games": 60, "levels.RoleFiles": 100, "training.Checkpoints": 30, "training.Policies": 60,
     "training.Results": 120,
 }  # fmt: skip
-NEEDED = ("torch", "tensorboard", "matplotlib")
-TORCH = all(importlib.util.find_spec(name) for name in NEEDED)
-needs = pytest.mark.skipif(not TORCH, reason=f"needs {', '.join(NEEDED)}")
-LOADERS = [pytest.param(name, marks=needs if name.startswith("training") else ()) for name in FILES]
+NEEDED = ("torch", "tensorboard", "matplotlib")  # by the loaders of training
+PLAIN = settings(deadline=None, database=None, phases=[Phase.generate], suppress_health_check=list(HealthCheck))
 
 
 @contextlib.contextmanager
@@ -72,29 +71,21 @@ def refuses(target: Any, path: Path) -> bool:
 
 
 @pytest.mark.timeout(0 if MORE > 1 else 300)
-@pytest.mark.parametrize(
-    ("loader", "times"),
-    [
-        *(pytest.param(*each.values, 1, marks=(*each.marks, pytest.mark.by_day(2))) for each in LOADERS),
-        *(pytest.param(*each.values, 10, marks=(*each.marks, pytest.mark.nightly)) for each in LOADERS),
-    ],
-)
+@pytest.mark.parametrize("times", [1, pytest.param(10, marks=pytest.mark.nightly)])
+@pytest.mark.parametrize("loader", FILES)
+@pytest.mark.by_day(4)
 def test_hostile_files_are_refused_or_work(loader: str, times: int) -> None:
     """Some must be accepted, or nothing behind loading is tested."""
     module, _, name = loader.partition(".")
+    for library in NEEDED if module == "training" else ():
+        pytest.importorskip(library)
     target = getattr(importlib.import_module(f"tests.fuzz.{module}"), name)()
     path, found = Path(tempfile.gettempdir(), f"{os.getpid()} hostile.file"), Counter[bool]()
     path.write_bytes(target.valid)
     target.use(path)
 
     @seed(SEED + times)
-    @settings(
-        max_examples=FILES[loader] * times * MORE,
-        deadline=None,
-        database=None,
-        phases=[Phase.generate],
-        suppress_health_check=list(HealthCheck),
-    )
+    @settings(PLAIN, max_examples=FILES[loader] * times * MORE)
     @given(st.integers(0, 2**64 - 1))
     def use(number: int) -> None:
         path.write_bytes(target.mutate(Random(number)))
@@ -105,21 +96,15 @@ def test_hostile_files_are_refused_or_work(loader: str, times: int) -> None:
     assert 0.2 < found[True] / found.total() < 0.95
 
 
-class Greedy:
-    """A loader that takes more memory than it may, and refuses for lack of it."""
-
-    refusals = (StateError,)
-
-    def use(self, path: Path) -> None:
+def test_greed_is_an_error(tmp_path: Path) -> None:
+    def greedy(path: Path) -> None:
         try:
             np.zeros(2**33, np.uint8)
         except MemoryError as error:
             raise StateError from error
 
-
-def test_greed_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(AssertionError, match="too much memory"):
-        refuses(Greedy(), tmp_path)
+        refuses(SimpleNamespace(use=greedy, refusals=(StateError,)), tmp_path)
 
 
 @pytest.mark.nightly

@@ -48,7 +48,6 @@ def files(trainer: Trainer) -> Files:
 
 
 NUMBERS = {"a": np.arange(100, dtype=np.float32), "b/c": np.zeros((), np.int64), "d": np.zeros((3, 0), np.uint8)}
-ENTRY = '"a":{"dtype":"F32","shape":[100],"data_offsets":[8,408]}'
 
 
 def changed(old: str, new: str) -> bytes:
@@ -78,28 +77,18 @@ def test_what_is_written_is_read_to_the_bit() -> None:
 HUGE = 2**40
 FILES: dict[str, tuple[bytes, str]] = {
     "nothing": (b"", "header too small"),
-    "noise": (b"\xff" * 99, "header too large"),
     "a large header": (HUGE.to_bytes(8, "little") + b"{}", "header too large"),
     "a pickle": (pickle.dumps([1] * 9), "header too large"),
-    "cut": (changed(ENTRY, ENTRY)[:-1], "not fully covered"),
-    "more": (changed(ENTRY, ENTRY) + b"x", "not fully covered"),
+    "cut": (changed("F32", "F32")[:-1], "not fully covered"),
+    "more": (changed("F32", "F32") + b"x", "not fully covered"),
     "a terabyte": (
-        changed(ENTRY, ENTRY.replace("100]", f"{HUGE}]").replace("408]", f"{4 * HUGE + 8}]")),
+        changed('100],"data_offsets":[8,408', f'{HUGE}],"data_offsets":[8,{4 * HUGE + 8}'),
         "invalid offset",
     ),
-    "more numbers": (changed(ENTRY, ENTRY.replace("100]", "101]")), "invalid shape"),
-    "product": (changed(ENTRY, ENTRY.replace("100]", f"{HUGE},{HUGE}]")), "overflow"),
-    "negative": (changed(ENTRY, ENTRY.replace("100]", "-100]")), "invalid value"),
-    "a name": (changed(ENTRY, ENTRY.replace("100]", '"100"]')), "invalid type"),
-    "overlap": (changed(ENTRY, ENTRY.replace("[8,", "[0,")), "invalid"),
-    "a wide type": (changed(ENTRY, ENTRY.replace("F32", "F64")), "invalid shape"),
-    "an unknown type": (changed(ENTRY, ENTRY.replace("F32", "X32")), "unknown variant"),
-    "an unused type": (changed(ENTRY, ENTRY.replace("F32", "U32")), "a is of type uint32: float16, float32"),
-    "half": (
-        changed(ENTRY, ENTRY.replace('F32","shape":[100', 'BF16","shape":[200')),
-        "of type .BF16.: float16, float32",
-    ),
-    "many dimensions": (changed(ENTRY, ENTRY.replace("[100]", f"[100{',1' * 99}]")), "maximum supported dimension"),
+    "product": (changed("100]", f"{HUGE},{HUGE}]"), "overflow"),
+    "a wide type": (changed("F32", "F64"), "invalid shape"),
+    "an unused type": (changed("F32", "U32"), "a is of type uint32: float16, float32"),
+    "half": (changed('F32","shape":[100', 'BF16","shape":[200'), "of type .BF16.: float16, float32"),
     "no text": (changed('{"outlast":"text"}', '{"outlast":3}'), "invalid"),
 }
 
@@ -131,7 +120,7 @@ def figures(rest: Any, values: list[float]) -> None:
     rest["opponents"]["figures"]["0"] = torch.tensor(values, dtype=torch.float64)
 
 
-def past(rest: Any, number: int, **changes: Any) -> None:
+def past(rest: Any, number: Any, **changes: Any) -> None:
     rest["opponents"]["past"][str(number)] = {"name": "past@16", "drawn": True, "weights": []} | changes
 
 
@@ -140,110 +129,58 @@ def random_at(rest: Any, left: int, place: int) -> None:
     state[8:12], state[16:24] = np.array([left], "<i4").view(np.uint8), np.array([place], "<i8").view(np.uint8)
 
 
+UNFIT = "does not fit the run"
 NO_REWARDS = "rewards in rest.safetensors of the checkpoint does not fit the run"
+NO_PLAYERS = "lane in rest.safetensors .* names players that do not exist"
+NO_POOL = "opponents in rest.safetensors .* do not fit the run"
 RESTS: dict[str, tuple[Callable[[Any], Any], str]] = {
-    "nothing": (lambda rest: {"updates": 1}, "does not fit the run"),
-    "a list": (lambda rest: [1], "does not fit the run"),
-    "updates": (lambda rest: rest.update(updates="1"), "does not fit the run"),
-    "many updates": (lambda rest: rest.update(updates=2**70), "does not fit the run"),
-    "epochs": (lambda rest: rest["learners"][0].update(epochs=-1), "does not fit the run"),
-    "more": (lambda rest: rest.update(more=torch.zeros(3)), "does not fit the run"),
-    "more of a learner": (lambda rest: rest["learners"][0].update(a=torch.zeros(3)), "does not fit the run"),
-    "more of opponents": (
-        lambda rest: rest["opponents"].update(a=torch.zeros(3)),
-        "opponents in .* do not fit the run",
-    ),
-    "no generator": (lambda rest: rest["learners"][0].pop("minibatches"), "does not fit the run"),
-    "no moment": (lambda rest: rest["learners"][0]["optimiser"]["0"].pop("step"), "optimiser 0 in .* does not fit the"),
+    "nothing": (lambda rest: {"updates": 1}, UNFIT),
+    "a list": (lambda rest: [1], UNFIT),
+    "updates": (lambda rest: rest.update(updates="1"), UNFIT),
+    "many updates": (lambda rest: rest.update(updates=2**70), UNFIT),
+    "epochs": (lambda rest: rest["learners"][0].update(epochs=-1), UNFIT),
+    "more": (lambda rest: rest.update(more=torch.zeros(3)), UNFIT),
+    "more of a learner": (lambda rest: rest["learners"][0].update(a=torch.zeros(3)), UNFIT),
+    "more of opponents": (lambda rest: rest["opponents"].update(a=torch.zeros(3)), NO_POOL),
+    "no generator": (lambda rest: rest["learners"][0].pop("minibatches"), UNFIT),
+    "no moment": (lambda rest: rest["learners"][0]["optimiser"]["0"].pop("step"), f"optimiser 0 in .* {UNFIT}"),
     "a shape": (lambda rest: moment(rest, "exp_avg", torch.zeros(3)), r"optimiser 0 exp_avg .*\(3,\): it must be"),
     "a type": (lambda rest: moment(rest, "step", torch.zeros((), dtype=torch.int64)), "step .* is torch.int64"),
     "a time": (lambda rest: moment(rest, "step", torch.tensor(float("nan"))), "optimiser 0 step .* is not finite"),
     "the past": (lambda rest: moment(rest, "step", torch.tensor(-1.0)), "step of parameter 0 .* is -1"),
-    "a name": (lambda rest: moment(rest, "more", torch.zeros(3)), "optimiser 0 in .* does not fit the run"),
-    "a parameter": (lambda rest: rest["learners"][0]["optimiser"].pop("1"), "optimiser in .* does not fit the run"),
+    "a name": (lambda rest: moment(rest, "more", torch.zeros(3)), f"optimiser 0 in .* {UNFIT}"),
+    "a parameter": (lambda rest: rest["learners"][0]["optimiser"].pop("1"), f"optimiser in .* {UNFIT}"),
     "a generator": (lambda rest: random_at(rest, 624, 624), "in an invalid state"),
     "left": (lambda rest: random_at(rest, -1, 5), "in an invalid state"),
     "no rewards": (lambda rest: rest.update(rewards=None), NO_REWARDS),
-    "rewards": (lambda rest: rest.update(rewards=[1.0]), NO_REWARDS),
     "more rewards": (lambda rest: rewards(rest, more=1.0), NO_REWARDS),
     "fewer rewards": (lambda rest: rest["rewards"].pop("mean"), NO_REWARDS),
     "sums": (lambda rest: rewards(rest, sums=[0.0] * 7), r"rewards sums .* \(7,\): .* \(8,\)"),
     "no sums": (lambda rest: rest["rewards"].update(sums=0.0), "rewards sums in rest.safetensors .* is no tensor"),
     "a kind of mean": (lambda rest: rest["rewards"].update(mean=torch.tensor(0.0)), "mean .* is torch.float32"),
-    "many means": (lambda rest: rewards(rest, mean=[0.0, 0.0]), r"rewards mean .* \(2,\): .* \(\)"),
     "a large sum": (lambda rest: rewards(rest, sums=[0.0] * 7 + [1e300]), "rewards sums .* beyond -1e\\+30 to"),
-    "an endless sum": (lambda rest: rewards(rest, sums=[np.inf] * 8), "rewards sums .* is not finite"),
     "no number": (lambda rest: rewards(rest, mean=np.nan), "rewards mean .* is not finite"),
     "variance": (lambda rest: rewards(rest, variance=-1.0), "rewards variance .* beyond 0 to 1e\\+60"),
-    "a large variance": (lambda rest: rewards(rest, variance=1e61), "rewards variance .* beyond 0 to 1e\\+60"),
     "count": (lambda rest: rewards(rest, count=-1.0), "rewards count .* beyond 0 to 1e\\+60"),
-    "no lane": (
-        lambda rest: rest.update(lane=None),
-        "lane in rest.safetensors of the checkpoint does not fit the run",
-    ),
-    "an opponent": (
-        lambda rest: rest["lane"]["opponent"].fill_(3),
-        "lane in rest.safetensors .* names players that do not exist",
-    ),
-    "a side": (
-        lambda rest: rest["lane"]["own"].fill_(9),
-        "lane in rest.safetensors .* names players that do not exist",
-    ),
-    "no side": (
-        lambda rest: rest["lane"]["own"].fill_(-1),
-        "lane in rest.safetensors .* names players that do not exist",
-    ),
-    "lives": (lambda rest: rest["lane"].update(life=torch.zeros(1)), "lane life in rest.safetensors .* is needed"),
-    "a memory": (
-        lambda rest: rest["lane"].update(memory=torch.zeros(8, 5)),
-        "lane memory in rest.safetensors .* is needed",
-    ),
-    "no pool": (
-        lambda rest: rest.update(opponents=[1]),
-        "opponents in rest.safetensors .* do not fit the run",
-    ),
+    "no lane": (lambda rest: rest.update(lane=None), f"lane in .* {UNFIT}"),
+    "an opponent": (lambda rest: rest["lane"]["opponent"].fill_(3), NO_PLAYERS),
+    "a side": (lambda rest: rest["lane"]["own"].fill_(9), NO_PLAYERS),
+    "no side": (lambda rest: rest["lane"]["own"].fill_(-1), NO_PLAYERS),
+    "lives": (lambda rest: rest["lane"].update(life=torch.zeros(1)), "lane life in .* must be"),
+    "a memory": (lambda rest: rest["lane"].update(memory=torch.zeros(8, 5)), "lane memory in .* must be"),
+    "no pool": (lambda rest: rest.update(opponents=[1]), NO_POOL),
     "a rating": (lambda rest: figures(rest, [np.inf, 0, 0, 0]), "opponents 0 in rest.safetensors .* is not finite"),
-    "a high rating": (
-        lambda rest: figures(rest, [1e9, 0, 0, 0]),
-        "opponents in rest.safetensors .* do not fit the run",
-    ),
-    "games": (
-        lambda rest: figures(rest, [0, 0, -1, 0]),
-        "opponents in rest.safetensors .* do not fit the run",
-    ),
-    "wins": (
-        lambda rest: figures(rest, [0, 2, 1, 1]),
-        "opponents in rest.safetensors .* do not fit the run",
-    ),
-    "fewer games": (
-        lambda rest: figures(rest, [0, 1, 2, 1]),
-        "opponents in rest.safetensors .* do not fit the run",
-    ),
-    "a past": (lambda rest: past(rest, 0), "opponents in rest.safetensors .* do not fit the run"),
-    "a name of a past": (
-        lambda rest: past(rest, 7, name="scripted"),
-        "opponents in rest.safetensors .* do not fit the run",
-    ),
-    "a long name": (
-        lambda rest: past(rest, 7, name="past@" + "9" * 5000),
-        "opponents in rest.safetensors .* do not fit the run",
-    ),
-    "many pasts": (
-        lambda rest: [past(rest, k) for k in range(7, 1007)],
-        "does not fit the run: it is too small for 1000 past selves",
-    ),
-    "a number of a past": (
-        lambda rest: rest["opponents"]["past"].update({"07": {"name": "past@16", "drawn": True, "weights": []}}),
-        "opponents in rest.safetensors .* do not fit the run",
-    ),
-    "past weights": (
-        lambda rest: past(rest, 7, weights=[{}]),
-        "past@16 in rest.safetensors .* does not hold the weights",
-    ),
-    "size": (
-        lambda rest: rest["learners"][0].update(minibatches=torch.zeros(9, dtype=torch.uint8)),
-        r"uint8 \(9,\): .*5056",
-    ),
+    "a high rating": (lambda rest: figures(rest, [1e9, 0, 0, 0]), NO_POOL),
+    "games": (lambda rest: figures(rest, [0, 0, -1, 0]), NO_POOL),
+    "wins": (lambda rest: figures(rest, [0, 2, 1, 1]), NO_POOL),
+    "fewer games": (lambda rest: figures(rest, [0, 1, 2, 1]), NO_POOL),
+    "a past": (lambda rest: past(rest, 0), NO_POOL),
+    "a name of a past": (lambda rest: past(rest, 7, name="scripted"), NO_POOL),
+    "a long name": (lambda rest: past(rest, 7, name="past@" + "9" * 5000), NO_POOL),
+    "many pasts": (lambda rest: [past(rest, k) for k in range(7, 1007)], "it is too small for 1000 past selves"),
+    "a number of a past": (lambda rest: past(rest, "07"), NO_POOL),
+    "past weights": (lambda rest: past(rest, 7, weights=[{}]), "past@16 in .* does not hold the weights"),
+    "size": (lambda rest: rest["learners"][0].update(minibatches=torch.zeros(9, dtype=torch.uint8)), r"uint8 \(9,\)"),
 }
 
 

@@ -7,7 +7,6 @@ import os
 import pickle
 import signal
 import sys
-import threading
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from typing import Any
@@ -182,34 +181,6 @@ def test_one_environment_from_changing_threads() -> None:
         with ThreadPoolExecutor(1) as pool:
             pool.submit(env.step, draw_actions(env, rng)).result()
     assert digest(env.worlds) == play(3)
-
-
-def test_one_environment_from_several_threads_at_once() -> None:
-    """A call is refused while another thread is in one; the others have the same effect as one after another."""
-    env, other = (outlast.make_vec("ffa_1", 500, seed=3) for _ in range(2))
-    for each in (env, other):
-        each.reset()
-    actions, done = np.ones((env.num_worlds, 2, 6), int), [0] * 4
-    refused: list[str] = []
-    gate = threading.Barrier(4)
-
-    def insist(thread: int) -> None:
-        gate.wait()
-        for _ in range(STEPS):
-            try:
-                env.step(actions)
-                done[thread] += 1
-            except PendingError as error:
-                refused.append(str(error))
-
-    with ThreadPoolExecutor(4) as pool:
-        list(pool.map(insist, range(4)))
-    assert sum(done) > 0
-    assert refused
-    assert all("another thread is in a call" in words for words in refused)
-    for _ in range(sum(done)):
-        other.step(actions)
-    assert digest(env.worlds) == digest(other.worlds)
 
 
 def test_while_a_thread_is_in_a_call_no_other_call_is_let_in() -> None:

@@ -107,32 +107,6 @@ def test_a_soak_leaves_nothing_behind(work: Any, amount: float, monkeypatch: pyt
     assert memory < (1 if SHARE >= 0.1 else 100)
 
 
-@pytest.mark.nightly
-@pytest.mark.skipif(not PROC.exists(), reason="only Linux says what a process uses")
-@pytest.mark.parametrize("kind", ["memory", "files", "threads"])
-def test_leaks_are_noticed(kind: str) -> None:
-    kept = list[Any]()
-
-    def leaking() -> Iterator[int]:
-        while True:
-            if kind == "memory":
-                kept.append(mmap.mmap(-1, 2**16))  # pages of its own: malloc may reuse those of other tests
-                kept[-1].write(b"1" * 2**16)
-            elif kind == "files":
-                kept.append(os.open(os.devnull, os.O_RDONLY))
-            else:
-                kept.append(threading.Event())
-                threading.Thread(target=kept[-1].wait).start()
-            yield 1
-
-    try:
-        grown = growth(leaking, 40)
-    finally:
-        for item in kept:
-            os.close(item) if kind == "files" else item.set() if kind == "threads" else item.close()
-    assert grown[("memory", "files", "threads").index(kind)] >= 1
-
-
 def objects() -> list[int]:
     """How many there are in this process after all variants were made and played, three times over."""
     work, counts = environments(), []
@@ -150,3 +124,23 @@ def test_environments_leave_no_objects_behind() -> None:
     with get_context("spawn").Pool(1) as pool:
         counts = pool.apply(objects)
     assert counts[2] - counts[1] < 20
+
+
+@pytest.mark.nightly
+@pytest.mark.skipif(not PROC.exists(), reason="only Linux says what a process uses")
+def test_leaks_are_noticed() -> None:
+    kept = list[tuple[mmap.mmap, int, threading.Event]]()
+
+    def leaking() -> Iterator[int]:
+        while True:
+            kept.append((mmap.mmap(-1, 2**16), os.open(os.devnull, os.O_RDONLY), threading.Event()))
+            kept[-1][0].write(b"1" * 2**16)  # pages of its own: malloc may reuse those of other tests
+            threading.Thread(target=kept[-1][2].wait).start()
+            yield 1
+
+    grown = growth(leaking, 40)
+    for pages, file, ended in kept:
+        pages.close()
+        os.close(file)
+        ended.set()
+    assert (grown >= 1).all()

@@ -14,7 +14,7 @@ import pytest
 import outlast
 from outlast.envs.cli import streams
 from outlast.envs.cli.main import main
-from outlast.envs.progress import Messages, Progress
+from outlast.envs.progress import Messages
 from tests.conftest import run
 
 
@@ -135,17 +135,6 @@ def test_a_pipe_that_is_closed_breaks_no_command(tmp_path: Path, name: str) -> N
     assert done.returncode == 0
     assert "Traceback" not in f"{done.stdout}{done.stderr}"
     assert (tmp_path / "a.csv").read_text().startswith("world,")
-
-
-@pytest.mark.parametrize("stream", STREAMS)
-def test_messages_are_written_or_dropped(stream: str) -> None:
-    found = Messages(STREAMS[stream]())
-    assert found.write("text") == 4
-    found.flush()
-    assert found.isatty() is (stream == "lost terminal")
-    with Progress(2, "items", file=STREAMS[stream](), about="begins") as progress:
-        assert list(progress.over("ab")) == ["a", "b"]
-    assert progress.done == 2
 
 
 SMALL = ("--size=64", "--every=5")
