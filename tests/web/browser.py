@@ -69,6 +69,24 @@ class Truth:
             self.kills.append(clock)
 
 
+def listen(page: Any) -> tuple[list[str], list[str]]:
+    """What a page complains of from now on, and the addresses that it contacts."""
+    complaints, contacted = list[str](), list[str]()
+    page.on("console", lambda message: complaints.append(message.text))
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    for kind in ("request", "websocket"):
+        page.on(kind, lambda other: contacted.append(other.url))
+    return complaints, contacted
+
+
+def wait(page: Any, condition: str) -> None:
+    """Until a JavaScript expression is true. The page's own policy keeps playwright from polling it."""
+    deadline = time.monotonic() + 20
+    while not page.evaluate(f"!!({condition})"):
+        assert time.monotonic() < deadline, condition
+        page.wait_for_timeout(10)
+
+
 @dataclass
 class Screen:
     """A page that is open, and what it complained of and asked for."""
@@ -106,11 +124,7 @@ class Screen:
         self.page.evaluate("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
 
     def wait(self, condition: str) -> None:
-        """Until a JavaScript expression is true. The page's own policy keeps playwright from polling it."""
-        deadline = time.monotonic() + 10
-        while not self.page.evaluate(f"!!({condition})"):
-            assert time.monotonic() < deadline, condition
-            self.settle()
+        wait(self.page, condition)
 
     def seek(self, row: int) -> None:
         self.page.evaluate(f"outlast.pause(); outlast.seek({row})")

@@ -28,34 +28,6 @@ HANDSHAKE = {
     "Sec_WebSocket_Version": "13",
     "Sec_WebSocket_Key": "dGhlIHNhbXBsZSBub25jZQ==",
 }
-MALFORMED = [
-    b"{}",
-    "",
-    "x",
-    "[]",
-    "1",
-    "null",
-    "{}",
-    "[" * 500,
-    '{"a": ' * 80,
-    '{"command": "quit"}',
-    '{"command": ["pause"]}',
-    '{"command": {}}',
-    '{"speed": 3}',
-    '{"speed": true}',
-    '{"speed": NaN}',
-    '{"speed": [1]}',
-    '{"held": {}}',
-    '{"held": {}, "tapped": []}',
-    '{"held": {"ahead": 2}, "tapped": {}}',
-    '{"held": {"ahead": true}, "tapped": {}}',
-    '{"held": {"ahead": 1.0}, "tapped": {}}',
-    '{"held": {"ahead": 1e400}, "tapped": {}}',
-    '{"held": {"fly": 1}, "tapped": {}}',
-    '{"held": {}, "tapped": {"attack": -1}}',
-    '{"held": {}, "tapped": {}, "more": 1}',
-    '{"held": {"ahead": ' + "9" * 400 + '}, "tapped": {}}',
-]
 
 
 @contextlib.contextmanager

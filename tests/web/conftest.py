@@ -10,7 +10,7 @@ import pytest
 import outlast
 from outlast.envs.web.play.game import Game
 from outlast.envs.web.replay import write_page
-from tests.web.browser import STEPS, TITLE, WORLDS, Screen, Truth, environment, ticks
+from tests.web.browser import STEPS, TITLE, WORLDS, Screen, Truth, environment, listen, ticks
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 
@@ -55,10 +55,8 @@ def look(browser: Any, file: Path) -> Iterator[Any]:
     def opened(path: Path = file, place: str = "", **options: Any) -> Screen:
         options = {"viewport": {"width": 1400, "height": 900}, "reduced_motion": "reduce", "offline": True} | options
         context = browser.new_context(**options)
-        screen = Screen(context.new_page(), [], [])
-        screen.page.on("console", lambda message: screen.complaints.append(message.text))
-        screen.page.on("pageerror", lambda error: screen.complaints.append(str(error)))
-        screen.page.on("request", lambda request: screen.requests.append(request.url))
+        page = context.new_page()
+        screen = Screen(page, *listen(page))
         screen.page.goto(path.as_uri() + place)
         screen.wait("window.outlast")
         screen.settle()

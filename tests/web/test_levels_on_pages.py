@@ -73,7 +73,6 @@ def test_observations_in_words_name_roles() -> None:
     assert lines["Role"] == ["wolf"]
     assert [line.rpartition(", ")[2] for line in lines["Friends"] + lines["Enemies"]] == ["hunter", *4 * ["prey"]]
     assert observation_text(row, env.fields)["Role"] == ["0, 1, 0"]
-    env.close()
 
 
 # ---- games
@@ -89,7 +88,6 @@ def test_a_person_steers_an_agent_that_every_episode_has() -> None:
 
 
 def test_a_game_alone_is_over_and_not_won() -> None:
-    """Of each count of others: it is drawn anew in every episode."""
     game, verdicts = Game(ALONE, others="noop", seed=3), {}
     for _ in range(12):
         game.begin()
@@ -111,7 +109,6 @@ def test_a_game_alone_is_over_and_not_won() -> None:
 
 @pytest.mark.nightly
 def test_the_start_card_names_role_and_opponents(browser: Any) -> None:
-    """Only those that are there."""
     game = Game(HUNT, agent=1, seed=3)
     with served(game, fps=60) as address, browser.new_context() as context:
         page = context.new_page()
@@ -125,17 +122,6 @@ def test_the_start_card_names_role_and_opponents(browser: Any) -> None:
             named = f"Against you: agent{'s' * (len(enemies) > 1)} {', '.join(map(str, enemies))}."
             assert (named in words) if enemies else ("Against you" not in words)
             game.restart()
-    game.close()
-
-
-def test_trails_are_of_who_is_there(look: Any, tmp_path: Path) -> None:
-    env = outlast.make_vec(ALONE, 3, seed=3)
-    write_page(tmp_path / "page.html", env.worlds, ticks(env, 40), [0, 1, 2], title="levels")
-    for w in range(3):
-        screen = look(tmp_path / "page.html", f"#world={w}&tick=5")
-        screen.key("t", "ArrowRight", "ArrowRight")
-        screen.settle()
-        assert screen.page.get_attribute("canvas", "data-tick") == "7"
 
 
 @pytest.mark.nightly
@@ -154,3 +140,5 @@ def test_cards_show_who_is_there_and_which_role(look: Any, tmp_path: Path) -> No
         roles = ["hunter, ", "wolf, ", *([""] * (len(there) - 2))]  # a team that is called prey says it already
         assert [words.startswith(own) for words, own in zip(shown, roles, strict=True)] == [True] * len(there)
         assert not any("prey" in words for words in shown)
+        screen.key("t", "ArrowRight", "ArrowRight")  # trails are of who is there, too
+        assert screen.page.get_attribute("canvas", "data-tick") == "7"

@@ -15,10 +15,9 @@ import pytest
 import outlast
 from docs.examples.poison import Poison
 from outlast.components import Bag, Body, Health, Reward
-from outlast.ecs import Clock, Entity, Worlds
+from outlast.ecs import Clock, Entity
 from outlast.envs.errors import PageError
 from outlast.envs.inspect.world_json import describe, snapshot
-from outlast.envs.rendering import style
 from outlast.envs.web.replay import write_page
 from outlast.envs.web.replay.pack import METRE, RADIAN, EpisodeTrack, PageRoom, pack
 from outlast.envs.web.replay.write import _entities, record_ticks
@@ -164,54 +163,20 @@ def test_a_page_of_a_thousand_ticks_is_small(tmp_path: Path) -> None:
     assert (tmp_path / "page.html").stat().st_size < 150_000
 
 
-# ---- scenarios
-
-
-@pytest.mark.parametrize("variant", ["ffa_1", "ffa_2", "ffa_3", "ffa_4", "teams_1", "teams_2", "teams_3", "teams_4"])
-def test_every_variant_is_described(variant: str) -> None:
-    env = outlast.make_vec(variant, 1, seed=0)
-    env.reset()
-    description, now = describe(env.worlds, 0), snapshot(env.worlds, 0)
-    json.dumps([description, now], allow_nan=False)
-    boxes = 8 if "boxes" in outlast.variant(variant) else 0
-    kinds = Counter(body["role"] for body in description["objects"])
-    assert kinds == Counter({"heal": 15, "box": boxes, "box_item": boxes, "wall": 4})
-    assert description["teams"] == variant.startswith("teams")
-    assert [agent["side"] for agent in description["agents"]] == ([0, 0, 1, 1] if description["teams"] else [0, 1])
-    assert description["sides"][1]["color"] == "#{:02x}{:02x}{:02x}".format(*style.VERMILLION)
-    assert sum(body["here"] for body in now["objects"]) == 15 + boxes + 4
-    assert len(now["zone"]) == 6
-
-
-BARE = ("safe_zone", "heals", "cameras", "give_last", "inventory", "pickup", "death_drop", "melee")
-
-
-def described(scenario: outlast.Scenario) -> tuple[Json, Json, Json]:
-    """Description, snapshot and packed episode of a world that nothing was run in yet."""
-    worlds = Worlds(scenario.modules, 1, 1)
-    description, now = describe(worlds, 0), snapshot(worlds, 0)
-    episode = EpisodeTrack(description, 1, 0)
-    episode.add(now, [])
-    return description, now, unpacked(pack([PageRoom("", {0: [episode]})]))[0]["worlds"][0]["episodes"][0]
-
-
 def test_what_a_scenario_lacks_is_left_out() -> None:
-    description, now, episode = described(outlast.variant("ffa_1").without(*BARE))
+    """And an item of a new kind has its name."""
+    lacking = ["safe_zone", "heals", "cameras", "give_last", "inventory", "pickup", "death_drop", "melee"]
+    worlds = outlast.variant("ffa_1").without(*lacking).worlds(1)
+    description, now = describe(worlds, 0), snapshot(worlds, 0)
     assert [body["role"] for body in description["objects"]] == ["wall"] * 4
     assert (description["zone"], description["cone"], description["slots"], description["reach"]) == (False, None, 0, 0)
     assert now["zone"] is None
-    assert [(agent["bag"], agent["strike"], agent["target"]) for agent in now["agents"]] == [([], 0, -1)] * 2
-    assert {agent["sees"] for agent in now["agents"]} == {None}
-    assert episode["numbers"]["agent.sees"].tolist() == [[-1, -1]]
-
-
-def test_an_item_of_a_new_kind_has_its_name() -> None:
-    description, now, episode = described(outlast.variant("teams_3").with_(Poison(count=3)))
-    vials = [j for j, body in enumerate(description["objects"]) if body["kind"] == "vial"]
-    assert [description["objects"][j]["role"] for j in vials] == ["item"] * 3
-    assert all(now["objects"][j]["here"] for j in vials)
+    assert [[agent[key] for key in ("bag", "strike", "target", "sees")] for agent in now["agents"]] == [
+        [[], 0, -1, None]
+    ] * 2
+    description = describe(outlast.variant("teams_3").with_(Poison(count=3)).worlds(1), 0)
+    assert [body["role"] for body in description["objects"] if body["kind"] == "vial"] == ["item"] * 3
     assert description["damage_types"] == ["melee", "poison", "zone"]
-    assert episode["numbers"]["object.here"][0, vials].tolist() == [1, 1, 1]
 
 
 # ---- what is refused

@@ -15,7 +15,7 @@ from outlast.components import Look
 from outlast.ecs import Archetype, Array, Component, Module, column
 from outlast.envs.rendering import style
 from outlast.envs.web.replay import write_page
-from tests.web.browser import TITLE, Screen, Truth
+from tests.web.browser import Screen, Truth
 
 HALF = style.SIZES.margin * 12.5  # metres from the middle of the canvas to its edge
 
@@ -47,7 +47,6 @@ def test_every_number_is_that_of_the_simulation(look: Any, truths: dict[int, Tru
 
 
 def test_agents_are_where_they_are(look: Any, truths: dict[int, Truth]) -> None:
-    """Behind its middle, an agent has the colour of its side, if no agent near covers or strikes it."""
     screen = look()
     screen.key("v", "z", "h", "b")
     looked_at = 0
@@ -153,23 +152,16 @@ def test_it_plays_and_pauses(look: Any) -> None:
     screen.wait("document.getElementById('episode').value === '1'")
 
 
-def test_it_rests_where_motion_is_not_wanted(look: Any) -> None:
+def test_speed_and_steps(look: Any) -> None:
+    """Where motion is not wanted, nothing moves by itself."""
     screen = look()
     screen.page.wait_for_timeout(150)
     assert screen.number("tick") == 0
-
-
-def test_speed(look: Any) -> None:
-    screen = look()
     speeds = [screen.page.locator("#speed").inner_text()]
-    for key in ("+", "+", "-", "-", "-", "-"):
+    for key in "++----":
         screen.key(key)
         speeds.append(screen.page.locator("#speed").inner_text())
     assert speeds == ["1×", "2×", "4×", "2×", "1×", "½×", "¼×"]
-
-
-def test_steps(look: Any) -> None:
-    screen = look()
     screen.key("ArrowRight", "ArrowRight", "ArrowLeft", "ArrowRight", "Shift+ArrowRight")
     assert screen.number("tick") == 32
     screen.page.get_by_role("button", name="Step back").click()
@@ -182,13 +174,6 @@ def test_steps(look: Any) -> None:
 
 
 # ---- what it keeps to itself
-
-
-def test_a_title_is_only_a_title(look: Any) -> None:
-    screen = look()
-    assert screen.page.locator("#title").inner_text() == TITLE
-    assert screen.page.title() == TITLE
-    assert screen.page.locator("img").count() == 0
 
 
 def test_the_page_may_not_talk_to_anybody(look: Any) -> None:

@@ -6,8 +6,7 @@ from typing import Any
 import pytest
 
 import outlast
-from outlast.envs.web.replay import write_page
-from tests.web.browser import WORLDS, Screen, Truth, ticks
+from tests.web.browser import WORLDS, Screen, Truth
 from tests.web.test_page_browser import HALF, check
 
 pytestmark = pytest.mark.nightly  # each of them loads a page of its own
@@ -53,22 +52,6 @@ def test_every_event_in_the_list_leads_to_its_tick(look: Any, truths: dict[int, 
         if button.get_attribute("data-kind") == "kill":
             kills.append((1, screen.number("tick")))
     assert sorted(set(kills)) == sorted({(e, tick) for e, tick in truths[0].kills if e == 1})
-
-
-def test_the_timeline_is_dragged(look: Any) -> None:
-    screen = look()
-    last = screen.number("length")
-    y = strip(screen, 3) + 14  # on the axis, where no event is in the way
-    screen.page.mouse.move(place(screen, 0, last), y)
-    screen.page.mouse.down()
-    for row in (last // 8, last // 2, last // 3):
-        screen.page.mouse.move(place(screen, row, last), y)
-        screen.settle()
-        assert abs(screen.number("tick") - row) <= 1
-    screen.page.mouse.up()
-    screen.page.mouse.move(place(screen, 20, last), y)
-    screen.settle()
-    assert abs(screen.number("tick") - last // 3) <= 1
 
 
 def test_an_agent_is_followed_by_key_card_and_click(look: Any, truths: dict[int, Truth]) -> None:
@@ -214,15 +197,3 @@ def test_what_is_counted_from_within_an_episode_says_so(look: Any, tmp_path: Pat
         done = [text for text in screen.page.locator(".agent .tally").all_inner_texts() if text]
         assert done
         assert all(text.endswith(words) and ("since" in text) == bool(words) for text in done)
-
-
-def test_one_world_of_one_episode_offers_no_choice(look: Any, tmp_path: Path) -> None:
-    env = outlast.make_vec("ffa_1", 1, seed=0)
-    write_page(tmp_path / "one.html", env.worlds, ticks(env, 20), [0], title="one")
-    screen = look(tmp_path / "one.html")
-    for name in ("world", "episode", "episodes"):
-        assert not screen.page.locator(f"#{name}").is_visible()
-    assert screen.page.locator(".agent").count() == 2
-    assert screen.page.locator("[data-role=box]").count() == 0
-    screen.key("End")
-    assert screen.number("tick") == 20

@@ -7,37 +7,12 @@ from outlast.components import Body, Item
 from outlast.ecs import Archetype, Array, Component, Module, column
 from outlast.envs.inspect.world_json import describe, events, snapshot
 from tests.helpers.goal import TICK, won_at_the_limit
-from tests.helpers.scenario_builder import ScenarioBuilder, duel, mates
+from tests.helpers.scenario_builder import ScenarioBuilder, duel
 
 
 def happened(game: ScenarioBuilder) -> list[dict[str, Any]]:
     """Events of the last tick without what they leave open."""
     return [{k: v for k, v in event.items() if v not in (-1, "")} for event in events(game.env.worlds, 0)]
-
-
-def test_a_kill_names_the_victim_and_the_killer() -> None:
-    game = duel(ScenarioBuilder())
-    game.wound(1, 5)
-    game.step({0: "attack"})
-    assert happened(game) == [
-        {"kind": "kill", "agent": 1, "by": 0, "side": 0, "cause": "melee"},
-        {"kind": "end", "side": 0, "cause": "terminated"},
-    ]
-
-
-def test_in_a_team_it_was_the_one_that_struck() -> None:
-    game = mates(ScenarioBuilder("teams_3"))
-    game.wound(2, 5)
-    game.step({0: "attack", 1: "attack"})
-    assert happened(game) == [{"kind": "kill", "agent": 2, "by": 0, "side": 0, "cause": "melee"}]
-
-
-def test_a_death_in_the_zone_is_nobodys() -> None:
-    game = ScenarioBuilder("teams_3")
-    game.put("agent", 3, 12, 12)
-    game.wound(3, 1)
-    game.step(times=2)
-    assert happened(game) == [{"kind": "death", "agent": 3, "cause": "zone"}]
 
 
 def test_where_all_are_left_nobody_is_said_to_be() -> None:
@@ -63,15 +38,6 @@ def test_boxes_break_are_picked_up_and_placed() -> None:
     assert boxes[3]["role"] == "box_item"
     assert boxes[3]["of"] == 1
     assert snapshot(game.env.worlds, 0)["objects"][1]["owner"] == 0
-
-
-def test_a_heal_is_used() -> None:
-    game = ScenarioBuilder()
-    game.hand(1, "heal", 4)
-    assert snapshot(game.env.worlds, 0)["agents"][1]["bag"] == [8]
-    game.step({1: "use"})
-    assert happened(game) == [{"kind": "heal", "agent": 1, "object": 8}]
-    assert snapshot(game.env.worlds, 0)["agents"][1]["health"] == 175
 
 
 def test_strikes_say_whether_they_met_something() -> None:

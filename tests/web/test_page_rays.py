@@ -40,14 +40,6 @@ def test_descriptions_and_snapshots_have_the_rays_that_agents_observe() -> None:
         assert abs(packed[:, None] - read).min(0).max() <= 1
 
 
-@pytest.mark.parametrize("name", ["ffa_1", "teams_3"])
-def test_without_lidar_there_are_none(name: str) -> None:
-    env = outlast.make_vec(name, 1, seed=1)
-    env.reset()
-    assert describe(env.worlds, 0)["rays"] == 0
-    assert [agent["rays"] for agent in snapshot(env.worlds, 0)["agents"]] == [[]] * env.num_agents
-
-
 @pytest.mark.nightly
 def test_the_page_draws_rays_when_asked_to(look: Any, tmp_path: Path) -> None:
     env = outlast.make_vec(SCENARIO, 1, seed=1)
@@ -69,7 +61,6 @@ def test_the_page_draws_rays_when_asked_to(look: Any, tmp_path: Path) -> None:
 
 
 def test_pictures_have_a_line_along_each_ray() -> None:
-    """Blue on the way to what a ray hits, and not beyond it."""
     env = outlast.make_vec(outlast.variant("ffa_1").with_(Lidar(rays=5, depth=30.0, angle=2.0)), 1, seed=1)
     observations, _ = env.reset()
     image = draw(env.worlds, 0, SIZE, [RoomLayer(), LidarLayer(agents=[0])])

@@ -9,13 +9,13 @@ import pytest
 
 from outlast.ecs import Clock
 from outlast.envs.web.play.game import GamePhase
-from tests.web.clients import FPS, HANDSHAKE, MALFORMED, Page, answer  # first: skips this file without websockets
+from tests.web.clients import FPS, HANDSHAKE, Page, answer  # first: skips this file without websockets
 
 from websockets.exceptions import ConnectionClosed  # isort: skip
 from outlast.envs.web.play.session import MAX_PAGES  # isort: skip
 
 
-@pytest.mark.parametrize("text", MALFORMED, ids=range(len(MALFORMED)))
+@pytest.mark.parametrize("text", [b"{}", '{"command": "quit"}'])  # test_play.py has others
 def test_malformed_messages_close_their_connection_and_nothing_else(address, text):
     with Page(address) as page:
         page.receive()
@@ -81,27 +81,13 @@ def test_time_passes_no_faster_than_it_should(address):
         assert time.monotonic() - start > 23 * 4 / FPS  # 24 pauses, less what clocks are rounded
 
 
-def test_the_first_page_steers_and_the_next_one_takes_over(address, game):
-    with Page(address) as second, Page(address) as third:
-        assert second.receive()["steers"]
+def test_the_first_page_steers_and_one_that_watches_may_take_over(address, game):
+    with Page(address) as first, Page(address) as second, Page(address) as third:
+        assert [page.receive()["steers"] for page in (first, second, third)] == [True, False, False]
         third.send(held={"ahead": 1}, tapped={})
-        third.send(command="restart")
-        assert not third.receive()["steers"]
+        third.send(command="restart")  # which it may not
         time.sleep(0.1)
         assert (game.phase, int(game.worlds[Clock].episode[0, 0])) == (GamePhase.READY, 1)
-        second.send(held={"ahead": 1}, tapped={})
-        third.until(lambda state: state["snapshot"]["tick"] > 3)
-        second.socket.close()
-        assert third.until(lambda state: state["steers"])["phase"] == "paused"
-        assert game.action() == [1, 1, 1, 0, 0, 0]
-        third.send(command="resume")
-        third.until(lambda state: state["phase"] == "running")
-
-
-def test_a_page_that_watches_may_take_over(address, game):
-    with Page(address) as first, Page(address) as second, Page(address) as third:
-        for page in (first, second, third):
-            page.receive()
         first.send(held={"ahead": 1}, tapped={})
         third.until(lambda state: state["snapshot"]["tick"] > 3)
         third.send(command="steer")
