@@ -27,6 +27,5 @@ def test_tables_are_those_of_the_accepted_entries() -> None:
 @pytest.mark.nightly
 @pytest.mark.parametrize("path", ENTRIES, ids=lambda path: path.stem)
 def test_accepted_entries_are_as_recorded(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Nothing but what is not kept is missing: policies and matches of the first seed are."""
     assert main(["benchmark", "verify", str(path), "--quiet", "--allow-missing"]) == 0
     assert " 0 wrong, " in capsys.readouterr().out

@@ -51,11 +51,8 @@ anything
 
 
 def test_variables_of_the_environment_are_on_the_page() -> None:
-    """Those that outlast's own files read."""
     folders = (ROOT / name for name in ("ecs", "components", "systems", "envs", "training"))
     source = "".join(file.read_text() for folder in folders for file in folder.rglob("*.py"))
-    named = set(re.findall(r"\bOUTLAST_[A-Z]+(?:_[A-Z]+)*\b", source)) | set(
-        re.findall(r'environ\.get\("(\w+)', source)
-    )
+    named = {*re.findall(r"\bOUTLAST_[A-Z]+(?:_[A-Z]+)*\b", source), *re.findall(r'environ\.get\("(\w+)', source)}
     assert {"OUTLAST_CACHE_DIR", "RAY_ADDRESS"} <= named
     assert named <= set(re.findall(r"^\| `(\w+)`", (ROOT / "docs/commands.md").read_text(), re.MULTILINE))

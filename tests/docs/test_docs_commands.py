@@ -18,14 +18,7 @@ SMALL = {  # the same commands with less work: of an option that is given twice,
     "rollout": ["--worlds", "5", "--steps", "60", "--quiet"],
 }
 SMALL_PICTURES = ["--size", "64"]
-ELSEWHERE = {
-    "play",
-    "train",
-    "watch",
-    "plot",
-    "evaluate",
-    "benchmark",
-}  # long, or needing results
+ELSEWHERE = {"play", "train", "watch", "plot", "evaluate", "benchmark"}  # long, or needing results
 
 
 def shown(page: Path) -> list[list[str]]:

@@ -69,7 +69,6 @@ def test_environments_show_their_first_world_once_there_is_one() -> None:
 
 
 def test_recordings_show_a_page_in_a_frame(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The page that replay_page writes, of the first ticks of the first world."""
     from outlast.envs.web.replay import write as notebook
 
     env = outlast.make_vec("ffa_2", 2, seed=1)

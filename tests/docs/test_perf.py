@@ -54,12 +54,11 @@ def checkout(tmp_path: Path) -> Path:
     folder = tmp_path / "check out"
     (folder / "masurvival" / "envs").mkdir(parents=True)
     (folder / "masurvival" / "envs" / "masurvival_env.py").write_text(STAND_IN)
+    items = {"heals": {"reset_spawns": {"n_items": 15}}, "boxes": {"reset_spawns": {"n_boxes": 8}}}
     for name, ends in (("1v1_heals_low", 1000), ("1v1_all_mid", 40)):
-        config = {"agents": {"n_agents": 2}, "heals": {"reset_spawns": {"n_items": 15}}, "ends_after": ends}
         (folder / "experiments" / name).mkdir(parents=True)
-        (folder / "experiments" / name / "env.json").write_text(
-            json.dumps(config | {"boxes": {"reset_spawns": {"n_boxes": 8}}})
-        )
+        config = json.dumps({"agents": {"n_agents": 2}, "ends_after": ends} | items)
+        (folder / "experiments" / name / "env.json").write_text(config)
     return folder
 
 
@@ -122,16 +121,11 @@ def test_timers_take_turns() -> None:
 
 def test_counts_are_changed_and_ended_episodes_are_left(checkout: Path) -> None:
     with Original(f"{sys.executable}:{checkout}") as original:
+        process = original._process
         ask = original.timer("1v1_all_mid", {"agents": 5, "heals": 0, "boxes": 10}, steps=90, limit=100)
         assert ask() > 0
-    assert [line[:5] for line in log(checkout)] == [[5, 0, 10, 40, 40]] * 3
-
-
-def test_the_process_ends_with_it(checkout: Path) -> None:
-    with Original(f"{sys.executable}:{checkout}") as original:
-        process = original._process
-        assert process.poll() is None
     assert process.poll() == 0
+    assert [line[:5] for line in log(checkout)] == [[5, 0, 10, 40, 40]] * 3
 
 
 def test_what_cannot_be_measured_or_kept_is_said_ahead_of_it(
@@ -143,47 +137,14 @@ def test_what_cannot_be_measured_or_kept_is_said_ahead_of_it(
         (vector_step, ("--worlds", "0"), "a whole number from 1 is needed"),
         (vector_step, ("--save", "taken"), "give another name"),
         (profile, ("ffa_9",), "argument scenario: there is no variant 'ffa_9'"),
+        (step, ("--original", sys.executable), "expected PYTHON:CHECKOUT, an interpreter and the original's folder"),
+        (step, ("--original", f"{sys.executable}:{tmp_path}"), f"there is no {tmp_path}/masurvival"),
     ]
     for script, given, message in mistakes:
         monkeypatch.setattr(sys, "argv", [script.__name__, *given])
         with pytest.raises(SystemExit):
             script.main()
         assert message in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("given", "message"),
-    [
-        ("{python}", "expected PYTHON:CHECKOUT, an interpreter and the original's folder, not '{python}'"),
-        (":{checkout}", "expected PYTHON:CHECKOUT, an interpreter and the original's folder, not ':{checkout}'"),
-        ("{python}:{nowhere}", "expected the original's folder behind the colon, but there is no {nowhere}/masurvival"),
-        ("{python}:{bare}", "expected the original's folder behind the colon, but there is no {bare}/experiments"),
-        ("{nowhere}:{checkout}", "expected a Python interpreter before the colon, but {nowhere} does not start (No"),
-        (
-            "/bin/true:{checkout}",
-            "expected an interpreter before the colon that plays the original, but /bin/true says: no",
-        ),
-        (
-            "/bin/echo:{checkout}",
-            "expected an interpreter before the colon that plays the original, but /bin/echo says: no",
-        ),
-        ("{python}:{broken}", "that plays the original, but {python} says: ModuleNotFoundError: No module named 'gymn"),
-    ],
-)
-def test_what_is_not_the_original_is_refused_in_a_sentence(
-    given: str, message: str, run, checkout: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    names = {"python": sys.executable, "checkout": checkout}
-    names |= {name: tmp_path / name for name in ("nowhere", "bare", "broken")}
-    for name in ("bare", "broken"):
-        (tmp_path / name / "masurvival" / "envs").mkdir(parents=True)
-        (tmp_path / name / "masurvival" / "envs" / "masurvival_env.py").write_text("import gymn")
-    (tmp_path / "broken" / "experiments").mkdir()
-    with pytest.raises(SystemExit) as ended:
-        run("--original", given.format(**names))
-    assert ended.value.code == 2
-    assert message.format(**names) in capsys.readouterr().err.splitlines()[-1]
-    assert not (checkout / "masurvival" / "envs" / "log").exists()  # nothing was timed
 
 
 def test_rates_of_training_are_shared_out_among_its_parts(
@@ -228,24 +189,18 @@ def test_every_interface_is_timed_that_is_installed(monkeypatch: pytest.MonkeyPa
 
 @pytest.mark.nightly
 def test_gymnasium_measures_every_vector_environment() -> None:
-    """By its own benchmark, and with actions that are drawn ahead."""
     pytest.importorskip("gymnasium", "1.4", reason="benchmark_vector_step came with gymnasium 1.4")
     table = vector_step.measured([1, 4], 0.02)
     assert [row[:2] for row in table.rows] == [[label, n] for n in ("1", "4") for label in vector_step.ENVIRONMENTS]
     assert all(float(rate.replace(",", "")) > 0 for row in table.rows for rate in row[2:])
 
 
-BUSY = """
+STEP = """
 import time
 from types import SimpleNamespace
 
 def make_vec(name, worlds, seed, threads):
-    def step(actions):
-        if threads == 2:
-            return time.sleep({seconds})
-        end = time.process_time() + {seconds}
-        while time.process_time() < end:
-            pass
+    step = lambda actions: time.sleep({seconds})
     return SimpleNamespace(reset=lambda: None, action_sizes=[2] * 6, num_agents=2, step=step)
 """
 
@@ -253,20 +208,18 @@ def make_vec(name, worlds, seed, threads):
 def test_two_checkouts_are_compared(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The code of each, here of stand-ins that take 2 and 6 ms a step: of processor time on one thread."""
+    """The code of each, here of stand-ins that take no time, and 20 ms a step."""
     folders = [tmp_path / name for name in ("old", "new")]
-    for folder, seconds in zip(folders, (0.002, 0.006), strict=True):
+    for folder, seconds in zip(folders, (0, 0.02), strict=True):
         (folder / ".src" / "outlast").mkdir(parents=True)
-        (folder / ".src" / "outlast" / "__init__.py").write_text(BUSY.format(seconds=seconds))
+        (folder / ".src" / "outlast" / "__init__.py").write_text(STEP.format(seconds=seconds))
         (folder / "perf").mkdir()
         (folder / "perf" / "rows.py").write_text("scenario = str")
     for name, value in (("STARTS", 2), ("ROUNDS", 3), ("SECONDS", 0.05)):
         monkeypatch.setattr(compare, name, value)
-    for threads in (1, 2):
-        times = compare.compared(*folders, "ffa_1", 2, threads, specialize=True)  # which these cannot
-        assert times.shape == (6, 2)
-        assert 2 < times[:, 1].min() / times[:, 0].min() < 5  # other programs may take a part of the time of threads
-        assert 900 < times[:, 0].min() < 3000  # microseconds of one of two worlds
+    times = compare.compared(*folders, "ffa_1", 2, threads=2, specialize=True)  # which these cannot
+    assert times.shape == (6, 2)
+    assert times[:, 1].min() > max(9_000, times[:, 0].min())  # microseconds of one of two worlds
     monkeypatch.setattr(sys, "argv", ["perf.compare", str(tmp_path), str(folders[0])])
     with pytest.raises(SystemExit):
         compare.main()

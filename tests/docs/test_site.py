@@ -8,11 +8,11 @@ import io
 import platform
 import posixpath
 import re
+import runpy
 import shlex
 import subprocess
 import sys
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import cv2
@@ -142,7 +142,6 @@ def test_tables_can_be_made(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_events_are_listed_with_those_who_emit_them(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Not with walls, which change what a strike has hit."""
     pytest.importorskip("torch", reason="needs torch: outlast[train]")
     monkeypatch.syspath_prepend(str(DOCS / "_ext"))
     rows = [line.split(" | ") for line in importlib.import_module("catalogue").events().splitlines()]
@@ -166,7 +165,6 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.nightly
 @once
 def test_recordings_play_in_pages(site: Path) -> None:
-    """Those that pages link to, each in one small file."""
     pages = {name for text in PAGES.values() for name in re.findall(r'<a href="([\w-]+\.html)">', text)}
     assert len(pages) == 4
     for name in pages if importlib.util.find_spec("torch") else {"replay.html"}:
@@ -217,14 +215,9 @@ def test_errors_are_those_that_the_pages_show(page: str, file: str, right: str, 
     assert source.count(right) == 1
     copy = tmp_path / f"{file}.py"
     copy.write_text(source.replace(right, wrong))
-    spec = importlib.util.spec_from_file_location(file, copy)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    mechanic = {"poison": "Poison", "tag": "Stamina"}[file]
+    mechanic = runpy.run_path(str(copy), run_name=file)[{"poison": "Poison", "tag": "Stamina"}[file]]
     with pytest.raises(EngineError) as refusal:
-        outlast.make_vec(outlast.variant("ffa_3+steering").with_(getattr(module, mechanic)()), 1)
+        outlast.make_vec(outlast.variant("ffa_3+steering").with_(mechanic()), 1)
     assert " ".join(str(refusal.value).split()) in " ".join(PAGES[page].split())
 
 
@@ -242,24 +235,8 @@ def test_every_phase_has_its_purpose_and_systems_that_exist(monkeypatch: pytest.
     assert [name for phases, _ in rows for name in re.findall(r"`([A-Z]+)`", phases)] == [p.name for p in Phase]
 
 
-def script() -> ModuleType:
-    """docs/pictures.py."""
-    spec = importlib.util.spec_from_file_location("pictures", DOCS / "pictures.py")
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
-
-
-def pictures(which: str = "PICTURES") -> dict[str, Any]:
-    """The functions that draw them, by name, from docs/pictures.py; or those of SCREENSHOTS, which need a browser."""
-    return dict(getattr(script(), which))
-
-
-def films() -> dict[str, list[str]]:
-    """The commands of the pages that write films into docs/pictures, by the file's name."""
-    return dict(script().films())
+SCRIPT = runpy.run_path(str(DOCS / "pictures.py"))
+PICTURES, FILMS = SCRIPT["PICTURES"], SCRIPT["films"]()  # functions that draw, and commands of pages, by name
 
 
 LEARNED = {"hide_small.gif"}  # played by networks, whose actions may differ where another processor rounds otherwise
@@ -267,8 +244,8 @@ LEARNED = {"hide_small.gif"}  # played by networks, whose actions may differ whe
 
 def test_pictures_are_small_and_shown() -> None:
     files = {file.name: file.stat().st_size for file in (DOCS / "pictures").iterdir()}
-    drawn, taken = ({f"{name}.png" for name in pictures(which)} for which in ("PICTURES", "SCREENSHOTS"))
-    assert files.keys() == drawn | taken | films().keys() | LEARNED
+    drawn, taken = ({f"{name}.png" for name in which} for which in (PICTURES, SCRIPT["SCREENSHOTS"]))
+    assert files.keys() == drawn | taken | FILMS.keys() | LEARNED
     assert max(files[name] for name in drawn) < LARGEST_PICTURE
     assert max(files[name] for name in taken) < 2 * LARGEST_PICTURE
     assert max(files.values()) < LARGEST_FILM
@@ -278,7 +255,7 @@ def test_pictures_are_small_and_shown() -> None:
 
 
 @once
-@pytest.mark.parametrize("name", pictures())
+@pytest.mark.parametrize("name", PICTURES)
 @pytest.mark.by_day(2)
 def test_pictures_are_those_of_the_script(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """To update them: python docs/pictures.py"""
@@ -287,7 +264,7 @@ def test_pictures_are_those_of_the_script(name: str, monkeypatch: pytest.MonkeyP
     for game in ("tag", "tag_policy", "tag_view"):  # of one import, as in the script: other tests import them, too
         monkeypatch.delitem(sys.modules, game, raising=False)
     kept = cv2.imread(str(DOCS / "pictures" / f"{name}.png"))
-    made = pictures()[name]()[..., ::-1]
+    made = PICTURES[name]()[..., ::-1]
     assert kept is not None
     assert kept.shape == made.shape
     difference = float(np.abs(kept.astype(int) - made).mean())
@@ -296,12 +273,12 @@ def test_pictures_are_those_of_the_script(name: str, monkeypatch: pytest.MonkeyP
 
 @once
 @pytest.mark.skipif((sys.platform, platform.machine()) != ("linux", "x86_64"), reason="sines differ elsewhere")
-@pytest.mark.parametrize("name", films())
+@pytest.mark.parametrize("name", FILMS)
 @pytest.mark.by_day(4)
 def test_films_are_those_of_the_commands(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """To update one: the command of the page, or python docs/pictures.py NAME"""
     pytest.importorskip("imageio_ffmpeg", reason="a .gif needs FFmpeg: outlast[view]")
-    command = films()[name]
+    command = FILMS[name]
     monkeypatch.chdir(ROOT)
     assert main([*command[:-1], str(tmp_path / name), "--quiet"]) == 0
     made, kept = (cv2.VideoCapture(str(folder / name)) for folder in (tmp_path, DOCS / "pictures"))
