@@ -8,14 +8,12 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast.components import Score
 from outlast.distributions import integers
-from outlast.envs.core.agents import fewest_sides, present, side
+from outlast.envs.core.agents import fewest_sides, side
 from outlast.envs.datasets.export import export_dataset
 from outlast.envs.datasets.samples import Selection
 from outlast.envs.recording import Recording, Replay
 from outlast.systems import Teams
-from outlast.training.base.metrics import BehaviourMetrics, EpisodeMetrics, means
 from tests.conftest import draw_actions
 from tests.helpers.execution_modes import short
 from tests.helpers.outputs import rows_of
@@ -25,36 +23,6 @@ ALONE = short("ffa_3").vary(n_agents=integers(1, 3))
 PAIRS = short("teams_3").vary(n_agents=integers(2, 4))
 GAMES = pytest.mark.parametrize("scenario", [ALONE, PAIRS], ids=["free for all", "teams"])
 Episode = dict[str, Any]
-
-
-def episodes(scenario: Any, steps: int = 70, mode: str = "NextStep") -> list[Episode]:
-    """Of random agents, as info reports them: statistics, how many agents there were, and on which sides."""
-    env, found = outlast.make_vec(scenario, WORLDS, seed=3, autoreset_mode=mode), []
-    rng = np.random.default_rng(0)
-    _, info = env.reset()
-    for _ in range(steps):
-        there = info["present"]
-        *_, info = env.step(draw_actions(env, rng))
-        for w in np.flatnonzero(info.get("_statistics", ())):
-            own = {key: values[w] for key, values in info["statistics"].items()}
-            own["there"] = {key: values[w] for key, values in info["statistics_present"].items()}
-            found.append(own | {"count": int(there[w].sum())})
-    env.close()
-    return found
-
-
-@GAMES
-@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
-def test_infos_say_which_entries_an_episode_had(scenario: Any, mode: str) -> None:
-    found = episodes(scenario, mode=mode)
-    assert len({episode["count"] for episode in found}) == 3
-    for episode in found:
-        assert episode["agents_count"] == episode["count"]
-        agents = np.arange(len(episode["return"])) < episode["count"]
-        assert episode["there"]["return"].tolist() == agents.tolist()
-        sides = episode["count"] if scenario is ALONE else 2
-        assert episode["there"]["kills"].tolist() == [side < sides for side in range(len(episode["kills"]))]
-        assert not episode["return"][~agents].any()
 
 
 @GAMES
@@ -119,7 +87,6 @@ def test_means_of_a_rollout(scenario: Any, tmp_path: Path) -> None:
 
 
 def test_who_was_never_there_has_no_mean() -> None:
-    """A dash in the table, null in JSON."""
     seeds = (seed for seed in range(20) if outlast.make_vec(ALONE, 1, seed=seed).reset()[1]["present"].sum() < 3)
     summary = outlast.rollout(ALONE, worlds=1, seed=next(seeds))
     row = summary.as_dict()["statistics"]["return_2"]
@@ -129,42 +96,15 @@ def test_who_was_never_there_has_no_mean() -> None:
     assert line.split()[2:] == ["-", "-", "0"]
 
 
-def first_of_each() -> list[Episode]:
+def first_counts() -> list[int]:
     """How many agents the first episode of every world has."""
-    env = outlast.make_vec(ALONE, WORLDS, seed=3)
-    _, info = env.reset()
-    return [{"count": int(there.sum())} for there in info["present"]]
+    return [int(there.sum()) for there in outlast.make_vec(ALONE, WORLDS, seed=3).reset()[1]["present"]]
 
 
 def test_nobody_wins_alone() -> None:
-    """Episodes with one side are no games: they are neither won nor lost."""
     summary = outlast.rollout(ALONE, "noop", others="noop", worlds=WORLDS, seed=3)
-    games = sum(episode["count"] > 1 for episode in first_of_each())
+    games = sum(count > 1 for count in first_counts())
     assert summary.outcomes["noop"].sum() == games < WORLDS
-
-
-@GAMES
-def test_what_training_measures(scenario: Any) -> None:
-    env = outlast.make_vec(scenario, WORLDS, seed=3, autoreset_mode="Disabled")
-    env.reset()
-    measured, behaviour, rng = EpisodeMetrics(env), BehaviourMetrics(env), np.random.default_rng(0)
-    kills: list[list[float]] = [[] for _ in range(env.worlds.dims["sides"])]
-    alive = there = 0
-    for _ in range(70):
-        *_, terminated, truncated, info = env.step(draw_actions(env, rng))
-        behaviour.after_step()
-        there += int(present(env.worlds).sum())
-        alive += int((env.worlds[Score].alive > 0).sum())
-        if (done := terminated | truncated).any():
-            measured.add(info["statistics"], np.ones((WORLDS, env.num_agents), bool))
-            for w in np.flatnonzero(done):
-                for side in np.flatnonzero(info["statistics_present"]["kills"][w]):
-                    kills[side].append(float(info["statistics"]["kills"][w, side]))
-            env.reset(options={"reset_mask": done})
-    found = means([measured.tallies()])
-    for side, values in enumerate(kills):
-        assert found[f"rollout/kills{side}"] == pytest.approx(np.mean(values))
-    assert behaviour.there == there
 
 
 @pytest.fixture
@@ -216,8 +156,7 @@ def test_minari_has_an_episode_for_each_agent_that_was_there(recorded: Path, tmp
         about = next(iter(options))["options"]
         counts.setdefault((about["world"], about["episode"]), []).append(about["agent"])
     assert dataset.total_steps == steps
-    there = [each["count"] for each in first_of_each()]
-    assert [sorted(counts[w, 1]) for w in range(WORLDS)] == [list(range(count)) for count in there]
+    assert [sorted(counts[w, 1]) for w in range(WORLDS)] == [list(range(count)) for count in first_counts()]
 
 
 @pytest.mark.parametrize(
@@ -240,4 +179,3 @@ def test_sides_that_every_episode_has(scenario: Any, expected: int) -> None:
     assert fewest_sides(env.worlds) == expected
     found = [len({*each.tolist()} - {-1}) for each in side(env.worlds)]
     assert min(found) == expected
-    env.close()

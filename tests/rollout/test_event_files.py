@@ -61,7 +61,6 @@ def test_parquet_has_the_same_rows_with_types(capsys, tmp_path: Path) -> None:
 
 
 def test_whole_episodes_only(capsys, tmp_path: Path) -> None:
-    """What a world plays after the episodes that count is in the file as little as in the table."""
     path = tmp_path / "events.csv"
     out = run(capsys, *ROLLOUT, "--episodes=2", "--policy=noop", "--events", path)[1]
     rows = rows_of(path)
@@ -72,14 +71,8 @@ def test_whole_episodes_only(capsys, tmp_path: Path) -> None:
 
 def test_ctrl_c_leaves_what_there_is(capsys, tmp_path: Path, monkeypatch) -> None:
     whole, part = tmp_path / "whole.csv", tmp_path / "part.csv"
-    rollout = (
-        *ROLLOUT,
-        "--steps=60",
-        "--policy=noop",
-        "--set=safe_zone_stand=1",
-        "--set=safe_zone_shrink=5",
-        "--events",
-    )
+    zone = ("--set=safe_zone_stand=1", "--set=safe_zone_shrink=5")
+    rollout = (*ROLLOUT, "--steps=60", "--policy=noop", *zone, "--events")
     run(capsys, *rollout, whole)
     monkeypatch.setitem(POLICIES, "noop", interrupted_after(30))
     monkeypatch.setattr(table_file, "ROWS", 1)
@@ -116,6 +109,7 @@ class Shout(Event, capacity="agents", whom="listener"):
     listener: Array = column("i4", unit="entity")
     amount: Array = column("f4", unit="decibels")
     words: Array = column("i1", 2)
+    target: Array = column("f4")  # metres: no entity
     side: Array = column("i4", unit="side")
 
 
@@ -133,7 +127,7 @@ def shout(shouts: Write[Shout], side: Read[Side], clock: Read[Clock], agents: Ro
             k = emit(shouts)
             shouts.agent[k], shouts.listener[k] = agents[i], agents[0] if i == 1 else -1
             shouts.amount[k], shouts.side[k] = 2.5, side.side[agents[i]] if i == 1 else -1
-            shouts.words[k, 0], shouts.words[k, 1] = i, 7
+            shouts.words[k, 0], shouts.words[k, 1], shouts.target[k] = i, 7, 1.5
 
 
 def test_a_users_own_events_are_everywhere(tmp_path: Path) -> None:
@@ -146,39 +140,11 @@ def test_a_users_own_events_are_everywhere(tmp_path: Path) -> None:
     assert found == [(w, 3, i, [-1, 0][i]) for w in (0, 1) for i in (0, 1)]
     table = event_table(env.worlds.layout, {"shout": rows}, first_world=5)
     words = [[str(column[k]) for column in table.values()] for k in range(4)]
-    assert words[2] == ["6", "1", "3", "shout", "agent 0", "", "2.5", "", "words=[0, 7]"]
-    assert words[3] == ["6", "1", "3", "shout", "agent 1", "agent 0", "2.5", "", "words=[1, 7] side=1"]
+    assert words[2] == ["6", "1", "3", "shout", "agent 0", "", "2.5", "", "words=[0, 7] target=1.5"]
+    assert words[3] == ["6", "1", "3", "shout", "agent 1", "agent 0", "2.5", "", "words=[1, 7] target=1.5 side=1"]
     page = [event for event in events(env.worlds, 1) if event["kind"] == "other"]
-    causes = ["shout 2.5 words=[0, 7]", "shout agent 0 2.5 words=[1, 7] side=1"]
+    causes = ["shout 2.5 words=[0, 7] target=1.5", "shout agent 0 2.5 words=[1, 7] target=1.5 side=1"]
     assert [(event["agent"], event["cause"]) for event in page] == [*enumerate(causes)]
-    env.close()
-
-
-class Knock(Event, capacity="agents"):
-    agent: Array = column("i4")
-    target: Array = column("f4")  # metres: no entity
-
-
-@dataclass(frozen=True)
-class Knocking(Module):
-    def singletons(self) -> Iterable[Singleton]:
-        return [Knock()]
-
-
-@Knocking.system(Phase.GIVE)
-def knock(knocks: Write[Knock], agents: Rows[Bag]) -> None:
-    k = emit(knocks)
-    knocks.agent[k], knocks.target[k] = agents[1], 2.5
-
-
-def test_who_is_an_entity_whatever_its_column_says() -> None:
-    env = outlast.make_vec(outlast.variant("ffa_1").with_(Knocking()), 1, seed=0)
-    env.reset()
-    env.step(np.tile(env.noop, (1, env.num_agents, 1)))
-    rows = env.events()["knock"]
-    table = event_table(env.worlds.layout, {"knock": rows})
-    assert [table[name][0] for name in ("who", "whom", "more")] == ["agent 1", "", "target=2.5"]
     rows["agent"] = 1000
-    with pytest.raises(DeclarationError, match=r"the event Knock has agent = 1000, and its unit is 'entity': -1 to"):
-        event_table(env.worlds.layout, {"knock": rows})
-    env.close()
+    with pytest.raises(DeclarationError, match=r"the event Shout has agent = 1000, and its unit is 'entity': -1 to"):
+        event_table(env.worlds.layout, {"shout": rows})

@@ -106,7 +106,6 @@ def naive_draw(weights: Any, seed: int, world: int, episode: int) -> int:
 
 
 def test_draws_are_those_of_the_naive_form() -> None:
-    """Weights of all worlds, and of each its own, some of them 0; seeds and worlds of 64 bits."""
     rng, count = np.random.default_rng(0), 500
     seeds, worlds, episodes = (rng.integers(0, 2**64 - 1, count, np.uint64, endpoint=True) for _ in range(3))
     own = rng.integers(0, 4, (count, 5)) / 4
@@ -302,13 +301,6 @@ def test_the_command_reports_wins_against_each(capsys) -> None:
     assert out.splitlines()[-1].split() == ["noop", "0", "-", "-", "-"]
 
 
-def test_others_are_written_and_recorded_as_all_agents(capsys, tmp_path: Any) -> None:
-    files = ("--events", tmp_path / "a.csv", "--record", tmp_path / "a.rec")
-    assert run(capsys, *SMALL, "--others", "scripted,random", *files)[0] == 0
-    assert (tmp_path / "a.csv").stat().st_size > 1000
-    assert run(capsys, "replay", tmp_path / "a.rec", "--quiet")[0] == 0
-
-
 needs_torch = pytest.mark.skipif(importlib.util.find_spec("torch") is None, reason="needs torch: outlast[train]")
 
 
@@ -343,7 +335,6 @@ def test_absent_sides_do_not_win() -> None:
     counts = env.numbers()["agents_count"]
     assert set(counts) == {2, 3}
     assert (come.argmax(1) == counts - 1).all()
-    env.close()
 
 
 @needs_torch

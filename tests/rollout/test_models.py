@@ -11,7 +11,6 @@ from collections.abc import Iterator
 from email.message import Message
 from pathlib import Path
 from typing import Any
-from urllib.parse import unquote
 
 import pytest
 
@@ -27,59 +26,32 @@ NAME = "teams_3/fast-0"
 LONG = "teams_2+health_cap+team_share+bounty+steering+give_last_reach=10/pool-0"  # whose address has %2B and %3D
 
 
-class Server:
-    """A server on this machine, which answers with `content`, or else with the files of a folder.
+@contextlib.contextmanager
+def served(folder: Path) -> Iterator[tuple[str, list[str]]]:
+    """The address of a server of a folder's files, and the lines that it logs: one for each request."""
+    asked: list[str] = []
 
-    Attributes:
-        asked: The paths that were asked for.
-        content: What is sent in place of the file.
-        cut: Bytes of the file that are not sent, although they are announced.
-        status: What is answered.
-    """
+    class Handler(http.server.SimpleHTTPRequestHandler):
+        def log_message(self, *given: Any) -> None:
+            asked.append(self.path)
 
-    def __init__(self, folder: Path) -> None:
-        self.asked: list[str] = []
-        self.content: bytes | None = None
-        self.cut, self.status = 0, 200
-        server = self
-
-        class Handler(http.server.BaseHTTPRequestHandler):
-            def do_GET(self) -> None:
-                server.asked.append(self.path)
-                path = folder / unquote(self.path).removeprefix("/results/")
-                content = path.read_bytes() if server.content is None else server.content
-                self.send_response(server.status)
-                self.send_header("Content-Length", str(len(content)))
-                self.end_headers()
-                with contextlib.suppress(OSError):
-                    self.wfile.write(content[: len(content) - server.cut])
-
-            def log_message(self, *given: Any) -> None:
-                """Print nothing."""
-
-        self._server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-        self._thread = threading.Thread(target=self._server.serve_forever, args=(0.01,))
-        self._thread.start()
-        self.address = f"http://127.0.0.1:{self._server.server_address[1]}/results"
-
-    def close(self) -> None:
-        """Stop it; connections are refused from now on."""
-        self._server.shutdown()
-        self._server.server_close()
-        self._thread.join()
+    with http.server.ThreadingHTTPServer(("127.0.0.1", 0), functools.partial(Handler, directory=folder)) as server:
+        thread = threading.Thread(target=server.serve_forever, args=(0.01,))
+        thread.start()
+        try:
+            yield f"http://127.0.0.1:{server.server_address[1]}", asked
+        finally:
+            server.shutdown()
+            thread.join()
 
 
 @pytest.fixture
-def server(monkeypatch, tmp_path: Path) -> Iterator[Server]:
-    """A server of the results, which is the address of models, and an empty cache."""
+def empty_cache(monkeypatch, tmp_path: Path) -> None:
+    """No model is in the cache."""
     pytest.importorskip("pooch", reason="needs pooch: outlast[train]")
     if not RESULTS.is_dir():
         pytest.skip("results are not part of this archive")
-    found = Server(RESULTS)
-    monkeypatch.setenv(ADDRESS, found.address)
     monkeypatch.setenv("OUTLAST_CACHE_DIR", str(tmp_path / "cache"))
-    yield found
-    found.close()
 
 
 def cached(tmp_path: Path) -> list[str]:
@@ -166,54 +138,48 @@ def test_a_checkout_has_them(monkeypatch) -> None:
 
 @pytest.mark.skipif(not RESULTS.is_dir(), reason="results are not part of this archive")
 def test_an_installed_outlast_finds_them_in_a_checkout(monkeypatch, tmp_path: Path) -> None:
-    """If that is the working directory, as where it was installed from."""
     monkeypatch.delenv(ADDRESS, raising=False)
     monkeypatch.setattr(kept_results, "RESULTS", tmp_path / "nowhere")
     monkeypatch.chdir(RESULTS.parent)
     assert fetched(NAME).resolve() == RESULTS / models()[NAME].file
 
 
+@pytest.mark.usefixtures("empty_cache")
 @pytest.mark.parametrize("name", [NAME, LONG])
-def test_they_are_downloaded_once(server: Server, tmp_path: Path, name: str) -> None:
-    first = fetched(name)
-    assert first.read_bytes() == (RESULTS / models()[name].file).read_bytes()
-    assert first.is_relative_to(tmp_path / "cache")
+def test_they_are_downloaded_once(monkeypatch, tmp_path: Path, name: str) -> None:
+    with served(RESULTS) as (address, asked):
+        monkeypatch.setenv(ADDRESS, address)
+        first = fetched(name)
+        assert first.read_bytes() == (RESULTS / models()[name].file).read_bytes()
+        assert first.is_relative_to(tmp_path / "cache")
+        assert fetched(name) == first
+        assert len(asked) == 1
+        first.write_bytes(b"broken")  # as by a full disk
+        assert fetched(name) == first
+        assert hashlib.sha256(first.read_bytes()).hexdigest() == models()[name].sha256
+        assert len(asked) == 2
     assert fetched(name) == first
-    assert len(server.asked) == 1
-    first.write_bytes(b"broken")  # as by a full disk
-    assert fetched(name) == first
-    assert hashlib.sha256(first.read_bytes()).hexdigest() == models()[name].sha256
-    assert len(server.asked) == 2
-    server.close()
-    assert fetched(name) == first
-    server.close = lambda: None  # type: ignore[method-assign]
 
 
-def test_nothing_stays_of_a_download_that_fails(server: Server, tmp_path: Path) -> None:
-    """Another content, an error of the server, a connection that breaks off."""
-    another = rf"{NAME}: the file at http.* is another one, by its checksum; nothing was kept; set {ADDRESS}"
-    failures: list[tuple[dict[str, Any], str]] = [
-        ({"content": b"another"}, another),
-        ({"status": 404}, rf"{NAME} cannot be downloaded from http.*: 404 Not Found; connect .* {ADDRESS}"),
-        ({"cut": 100}, rf"{NAME} (cannot be downloaded|: the file at) .*"),
-    ]
-    for changes, words in failures:
-        vars(server).update({"content": None, "status": 200, "cut": 0} | changes)
-        with pytest.raises(UsageError, match=words) as refused:
+@pytest.mark.usefixtures("empty_cache")
+def test_nothing_stays_of_a_download_that_fails(monkeypatch, tmp_path: Path) -> None:
+    """A server without the file, one with another file of that name, and one that has stopped."""
+
+    def refused(words: str) -> None:
+        with pytest.raises(UsageError, match=words) as error:
             fetched(NAME)
-        assert len(str(refused.value).splitlines()) == 1
+        assert len(str(error.value).splitlines()) == 1
         assert cached(tmp_path) == []
-    vars(server).update({"content": None, "status": 200, "cut": 0})
-    fetched(NAME)
-    assert cached(tmp_path) == ["fast-0.safetensors"]
+        if (response := getattr(error.value.__cause__, "response", None)) is not None:
+            response.close()  # else its socket waits for the garbage collector
 
-
-def test_without_a_network_the_message_names_the_cure(server: Server, tmp_path: Path) -> None:
-    server.close()
-    with pytest.raises(UsageError, match=rf"{NAME} cannot be downloaded from .*; connect to the .*, or set {ADDRESS}"):
-        fetched(NAME)
-    assert cached(tmp_path) == []
-    server.close = lambda: None  # type: ignore[method-assign]
+    with served(tmp_path / "here") as (address, _):
+        monkeypatch.setenv(ADDRESS, address)
+        refused(rf"{NAME} cannot be downloaded from http.*: 404 .*; connect .* {ADDRESS}")
+        (tmp_path / "here" / models()[NAME].file).parent.mkdir(parents=True)
+        (tmp_path / "here" / models()[NAME].file).write_bytes(b"another")
+        refused(rf"{NAME}: the file at http.* is another one, by its checksum; nothing was kept; set {ADDRESS}")
+    refused(rf"{NAME} cannot be downloaded from .*; connect to the .*, or set {ADDRESS}")
 
 
 def test_without_pooch_the_message_names_the_cure(monkeypatch) -> None:
@@ -225,7 +191,6 @@ def test_without_pooch_the_message_names_the_cure(monkeypatch) -> None:
 
 @pytest.mark.parametrize("form", [str, Path.as_uri])
 def test_a_folder_may_hold_them(form: Any, tmp_path: Path, monkeypatch) -> None:
-    """Its files are read where they are, if they are the ones of the table."""
     if not RESULTS.is_dir():
         pytest.skip("results are not part of this archive")
     there = tmp_path / "a b" / models()[NAME].file
@@ -294,7 +259,6 @@ def test_models_play_wherever_policies_do(capsys) -> None:
 
 
 def test_checkpoints_are_in_order_of_their_steps(tmp_path: Path) -> None:
-    """Not of their names; and a copy beside them is none."""
     names = [CHECKPOINT.format(steps) for steps in (512, 9_999_999_999, 10_000_007_168)]
     for name in (*names, "steps_good.zip", "steps_0000000600.zip.part", "steps_.zip"):
         tmp_path.joinpath(name).touch()

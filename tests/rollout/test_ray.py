@@ -4,7 +4,6 @@ import dataclasses
 import itertools
 import json
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -138,7 +137,6 @@ def test_what_a_policy_raises_comes_back(workers):
 
 
 def test_a_fault_of_a_world_is_one_line_below_the_finished_batches(workers, monkeypatch, capsys):
-    """The batch of the last worlds faults, when the first is done."""
 
     make = POLICIES["random"]
 
@@ -197,7 +195,6 @@ def test_workers_with_another_version_are_refused(workers, monkeypatch):
 
 
 def test_ctrl_c_leaves_the_summary_of_the_finished_batches(workers, monkeypatch, tmp_path):
-    """The last batch never ends by itself."""
 
     def endless(env, seed):
         act = POLICIES["random"](env, seed)
@@ -218,31 +215,6 @@ def test_ctrl_c_leaves_the_summary_of_the_finished_batches(workers, monkeypatch,
         cluster.rollout_on_cluster(task(endless), WORLDS, progress)
     assert same(stop.value.args[0], run_task(task(), 0, 8))
     assert cluster.rollout_on_cluster(task(), WORLDS).episodes  # its worker is free again
-
-
-def test_the_command_prints_the_same_table(workers, capsys):
-    arguments = ["rollout", "ffa_2", "--worlds", "5", "--steps", "150", "--set", "safe_zone_damage=100", "--quiet"]
-    tables = []
-    for more, shares in (
-        ([], r" \(policy \d+%, worlds \d+%, rest \d+%\)"),
-        (["--ray"], ""),
-    ):
-        assert cli.main([*arguments, *more]) == 0
-        out = capsys.readouterr().out
-        assert "750 world-steps in" in out
-        rest, _, table = out.split("agent-steps/s")[1].partition("\n")
-        assert re.fullmatch(shares, rest)
-        tables.append(table)
-    assert tables[0] == tables[1]
-    assert "deaths_zone" in tables[0]
-
-
-@pytest.mark.parametrize(
-    "more", [("--threads", "2"), ("--log-deaths",), ("--interpret", "melee.aim"), ("--record-policy",)]
-)
-def test_options_for_one_machine_are_refused(capsys, more):
-    assert cli.main(("rollout", "ffa_1", "--ray", *more)) == 2
-    assert "leave them out with --ray" in capsys.readouterr().err
 
 
 def tasks():

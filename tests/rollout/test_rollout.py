@@ -1,6 +1,5 @@
 """Rollouts: the same numbers however worlds are divided, and the right ones; their files, and what fails."""
 
-import contextlib
 import json
 import signal
 from importlib.util import find_spec
@@ -126,7 +125,6 @@ def test_of_every_world_as_many_are_counted():
 
 
 def test_whole_episodes_are_unbiased_and_those_that_fit_into_a_time_are_not():
-    """Against the first episodes of 2000 other worlds, in standard errors."""
     wide = run_task(whole_episodes(seed=11), 0, 2000)
     truth, error = length(wide)
     mean, own = length(run_task(whole_episodes(seed=12, episodes=2), 0, 300))
@@ -166,7 +164,6 @@ def test_worlds_whose_limits_differ_are_waited_for_each_by_its_own(monkeypatch):
 
 
 def test_the_limit_is_of_one_episode(monkeypatch):
-    """Not of the whole rollout."""
     work = whole_episodes(episodes=10)
     expected = run_task(work, 0, 1)
     assert expected.world_steps > 700
@@ -233,30 +230,6 @@ def test_a_name_an_environment_and_the_command_give_the_same(capsys) -> None:
     assert outlast.rollout("ffa_2", worlds=2, steps=5).world_steps == 10
 
 
-def test_a_function_gets_observations_of_its_own() -> None:
-    """As nobody knows what it does with them, nor what it returns."""
-    kept = []
-    with contextlib.closing(outlast.make_vec("ffa_2", 3)) as env:
-        actions = np.tile(env.noop, (3, env.num_agents, 1))
-
-    def idle(observations: dict[str, Any]) -> Any:
-        kept.append(observations["own"])
-        return actions
-
-    outlast.rollout("ffa_2", idle, 4, worlds=3)
-    assert len({id(array) for array in kept}) == 4
-    assert not np.array_equal(kept[0], kept[3])
-
-
-def test_others_are_counted_in_the_summary() -> None:
-    summary = outlast.rollout("ffa_2", "scripted", worlds=8, others={"noop": 1, "random": 1}, **QUICK)
-    assert sum(counts.sum() for counts in summary.outcomes.values()) == 8
-    assert str(summary).splitlines()[-2].startswith("noop ")
-    found = summary.as_dict()
-    assert found["against"]["noop"].keys() == {"won", "drawn", "lost"}
-    assert found["unbiased"] is True
-
-
 def test_what_an_environment_has_decided_is_refused() -> None:
     env = outlast.make_vec("ffa_2", 2, seed=0)
     for given, name in (({"worlds": 3}, "worlds"), ({"seed": 0}, "seed"), ({"melee_damage": 3}, "melee_damage")):
@@ -272,6 +245,8 @@ def test_what_an_environment_has_decided_is_refused() -> None:
         outlast.rollout("ffa_2", wrlds=3)
     with pytest.raises(UsageError, match="scriptd: did you mean scripted"):
         outlast.rollout("ffa_2", "scriptd")
+    with pytest.raises(NumberError, match="the time limit of a scenario is its number ending_limit"):
+        outlast.make_vec("ffa_2", 2, max_episode_steps=5)
 
 
 def test_a_row_of_the_file_is_an_episode(capsys, tmp_path: Path) -> None:
@@ -319,30 +294,12 @@ def test_the_summary_says_what_differs(capsys, tmp_path: Path) -> None:
     assert found["numbers"]["melee_reach"] == 2.0
 
 
-@pytest.mark.parametrize(
-    ("option", "name", "words"),
-    [
-        ("--csv", "a.txt", "episodes are written as NAME.csv or NAME.parquet"),
-        ("--csv", "a.csv", "episodes never overwrite files"),
-        ("--csv", "none/b.csv", "there is no folder"),
-        ("--json", "a.txt", "summaries are written as NAME.json"),
-        ("--json", "a.json", "summaries never overwrite files"),
-        ("--events", "a.txt", "events are written as NAME.csv or NAME.parquet"),
-        ("--events", "a.csv", "exists; events never overwrite files"),
-        ("--events", "none/b.csv", "there is no folder"),
-    ],
-)
-def test_files_that_cannot_be_are_refused_before_anything_is_played(
-    capsys, tmp_path: Path, option: str, name: str, words: str
-) -> None:
-    for kept in ("a.csv", "a.json"):
-        (tmp_path / kept).write_text("mine")
-    status, out, err = run(capsys, *COMMAND, option, tmp_path / name)
-    assert (status, out) == (2, "")
-    assert words in err
-    assert len(err.splitlines()) == 1
-    assert sorted(file.name for file in tmp_path.iterdir()) == ["a.csv", "a.json"]
-    assert (tmp_path / "a.csv").read_text() == "mine"
+def test_files_are_never_overwritten(capsys, tmp_path: Path) -> None:
+    for option, name in (("--csv", "a.csv"), ("--events", "a.csv"), ("--json", "a.json"), ("--record", "a.rec")):
+        (tmp_path / name).write_text("mine")
+        status, out, err = run(capsys, *COMMAND, option, tmp_path / name)
+        assert (status, out, "never overwrite files" in err) == (2, "", True)
+        assert (tmp_path / name).read_text() == "mine"
 
 
 def test_a_full_disk_costs_no_statistics(capsys, tmp_path: Path, monkeypatch) -> None:
@@ -432,7 +389,6 @@ def test_a_second_ctrl_c_costs_nothing(tmp_path: Path, monkeypatch) -> None:
         outlast.rollout(env, interrupted_after(40)(env, 0), episodes=5, **files)
     assert stopped.value.args[0].episodes == len(rows_of(files["csv"])) > 0
     assert rows_of(files["events"])
-    env.close()
 
 
 def test_the_callers_own_handler_gets_every_ctrl_c(tmp_path: Path) -> None:
@@ -472,7 +428,6 @@ def test_the_statistics_of_each_episode_are_kept_as_arrays(mode: str, tmp_path: 
     assert found["length"].tolist() == [int(row["length"]) for row in rows]
     assert found["return"][:, 1].tolist() == [float(row["return_1"]) for row in rows]
     assert found["length"].mean() == pytest.approx(length(summary)[0])
-    env.close()
 
 
 def test_summaries_merge_with_their_arrays() -> None:
@@ -555,12 +510,12 @@ def test_files_say_who_played_and_how_it_ended(tmp_path: Path) -> None:
         row = key[int(arrays["world"][k]), int(arrays["episode"][k])]
         kept = [str(arrays[name][k]) for name in ("against", "own_side", "result")]
         assert kept == [row["against"], row["own_side"], row["result"]]
-    plain = outlast.rollout("teams_2", "scripted", worlds=2, keep=True, **QUICK).arrays()
-    assert "against" not in plain
+    assert found.as_dict()["against"]["noop"].keys() == {"won", "drawn", "lost"}
+    assert sum(counts.sum() for counts in found.outcomes.values()) == 16
+    assert "against" not in outlast.rollout("teams_2", "scripted", worlds=2, keep=True, **QUICK).arrays()
 
 
 def test_a_statistic_of_agents_may_be_called_like_a_moment() -> None:
-    """Which is one number of an episode."""
     found = Summary()
     where = np.array([True, True, False])
     found.add({"first_death": np.array([[3, 0], [5, 4], [9, 9]])}, where)
