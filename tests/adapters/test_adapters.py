@@ -93,7 +93,6 @@ def arrays(result: Any) -> list[Any]:
 
 @pytest.mark.parametrize("name", ALL)
 def test_every_adapter_goes_on_from_a_state(name: str) -> None:
-    """Also in another environment."""
     env, other = make(name, n_agents=2), make(name, n_agents=2)
     for each in (env, other):
         each.reset()
@@ -139,7 +138,6 @@ def test_an_environment_has_what_its_librarys_classes_declare(name: str) -> None
             assert attribute.startswith("_") or hasattr(env, attribute), f"{kind.__name__}.{attribute}"
     assert env.metadata.keys() >= {"name", "render_modes", "render_fps"}
     assert env.render_mode is None
-    env.close()
 
 
 @pytest.mark.parametrize("name", ["parallel_env", "SurvivalMultiAgentEnv"])
@@ -149,7 +147,6 @@ def test_spaces_by_agent_are_those_of_each_agent(name: str) -> None:
         each = getattr(env, kind if name == "parallel_env" else f"get_{kind}")
         assert list(getattr(env, f"{kind}s")) == env.possible_agents
         assert all(each(agent) is space for agent, space in getattr(env, f"{kind}s").items())
-    env.close()
 
 
 GAMES: dict[str, tuple[outlast.Scenario, set[str]]] = {
@@ -167,7 +164,6 @@ def test_infos_have_present_where_the_number_of_agents_varies(name: str, game: s
     info = env.reset()[1] if name != "make_sb3" else env.reset() and env.reset_infos[0]
     info = info["agent_0"] if hasattr(env, "possible_agents") else info
     assert {"alive", "present"} & info.keys() == expected
-    env.close()
 
 
 @pytest.mark.parametrize("name", ALL)
@@ -281,7 +277,6 @@ def test_samples_of_a_space_differ_and_its_seed_repeats_them(name: str, kind: st
         assert [sample(getattr(env, of)) for _ in range(SAMPLES)] != first
         getattr(env, of).seed(7)
         assert [sample(getattr(env, of)) for _ in range(SAMPLES)] == first
-    env.close()
 
 
 def starts(env: Any) -> list[bytes]:
@@ -358,7 +353,6 @@ def test_adapters_render_what_the_page_says(adapter: str, mode: str, monkeypatch
         assert "tile" in returns or np.array_equal(frames, draw(base(env).worlds, 0))
     elif mode == "ansi":
         assert frames == text(base(env).worlds, 0)
-    env.close()
 
 
 def test_the_page_describes_all_adapters() -> None:

@@ -26,17 +26,13 @@ def ppo() -> SimpleNamespace:
 
 @pytest.mark.parametrize("variant", ["duel", "teams_3", *EACH_LEVEL])
 def test_updates(ppo: SimpleNamespace, variant: str) -> None:
-    """Losses are finite, actor and critic change, and the same seed does the same."""
     agents = 2 if variant == "duel" else 4
-    args = ppo.Args(
-        short(variant) if variant in LEVELS else variant, total_timesteps=3 * 4 * agents * SMALL["num_steps"], **SMALL
-    )
+    game = short(variant) if variant in LEVELS else variant
+    args = ppo.Args(game, total_timesteps=3 * 4 * agents * SMALL["num_steps"], **SMALL)
     agent, rows = ppo.train(args)
     assert rows.shape == (3, 4)
     assert np.isfinite(rows[:, 1:]).all()
-    assert (
-        0.99 * math.log(27) < rows[0, 3] < math.log(27 * 2 * 2 * 2)
-    )  # entropy: nearly uniform over what is not masked
+    assert 0.99 * math.log(27) < rows[0, 3] < math.log(27 * 8)  # entropy: nearly uniform over what is not masked
     torch.manual_seed(args.seed)
     untrained = ppo.Agent(agent.actor[0].in_features, agent.sizes)
     changed = [not torch.equal(one, other) for one, other in zip(agent.parameters(), untrained.parameters())]
@@ -62,7 +58,6 @@ def test_what_is_cut_short_is_worth_what_the_critic_expects(ppo: SimpleNamespace
 
 @pytest.mark.nightly
 def test_it_learns(ppo: SimpleNamespace) -> None:
-    """Ticks that agents live, 200 at most: in the last updates far more than in the first, without training."""
     _, rows = ppo.train(ppo.Args(total_timesteps=150_000))
     assert rows[-5:, 0].mean() > rows[0, 0] + 30
 

@@ -22,7 +22,7 @@ from outlast.envs.errors import NotResetError, StateError, UsageError
 from outlast.envs.rollout.policies import POLICIES
 from tests.helpers.execution_modes import ALL, HUNT, equal, short
 
-SEED, STEPS = 3, 60  # enough for an episode of short()
+SEED = 3
 IDLE = [1, 1, 1, 0, 0, 0]
 
 
@@ -45,7 +45,6 @@ def test_gymnasiums_own_checker_finds_nothing(name: str) -> None:
     env = gymnasium.make(name).unwrapped
     check_env(env, skip_render_check=find_spec("pygame") is None)  # it also opens a window
     assert (env.metadata["name"], env.metadata["render_fps"]) == (outlast.variant(IDS[name]).name, 30)
-    env.close()
 
 
 @pytest.mark.parametrize("dead", ["end", "keep"])
@@ -178,7 +177,6 @@ def test_a_policy_may_know_its_environment_and_one_that_cannot_be_copied_is_name
 
 
 def test_a_policy_with_a_memory_plays_in_one_environment_at_a_time() -> None:
-    """One after the other is right, as in a notebook; in turns, each would remember what the other has seen."""
     policy = Wanderer()
     first, second = (gymnasium.make("outlast/Teams-v1", others=policy) for _ in range(2))
     for env in (first, second, first):

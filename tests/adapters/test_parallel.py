@@ -67,7 +67,6 @@ def same(one: Any, other: Any) -> bool:
 
 @pytest.mark.parametrize("agents", [1, 12])
 def test_other_numbers_of_agents(agents: int) -> None:
-    """Agent 10 comes after agent 9, though its name sorts before."""
     env = outlast.adapters.parallel_env("ffa_1", **{**SHORT, "n_agents": agents})
     assert env.possible_agents == [f"agent_{i}" for i in range(agents)]
     observations, _ = env.reset()
@@ -156,7 +155,6 @@ def test_it_is_a_world_of_a_batch(name: str, dead: str) -> None:
 
 
 def test_statistics_where_all_leave_a_world_that_goes_on() -> None:
-    """They are of the last death, and of no episode before."""
     numbers = {"ending_rule": "never", "safe_zone_radii": (1.0,), "safe_zone_stand": 1000, "agents_health": 2}
     env = outlast.adapters.parallel_env("ffa_2", dead="end", seed=1, ending_limit=60, **numbers)
     batch = make_vec("ffa_2", 1, seed=1, ending_limit=60, **numbers)
@@ -305,7 +303,6 @@ def test_what_is_refused_changes_nothing(name: str) -> None:
 @pytest.mark.parametrize("form", [{}, {"actions": "joint", "observations": "flat"}], ids=["dict", "flat"])
 @pytest.mark.parametrize("dead", ["end", "keep"])
 def test_masks_are_where_classic_games_have_them(dead: str, form: dict[str, Any]) -> None:
-    """In observations that are otherwise the same, of every agent that is reported, and not in infos."""
     plain = short("teams_3", dead=dead, action_masks=True, **form)
     env = short("teams_3", dead=dead, action_masks="observation", **form)
     expected, infos = plain.reset(seed=3)
@@ -348,7 +345,6 @@ def test_what_cannot_be_made(options: dict[str, Any], message: str) -> None:
 
 @pytest.mark.parametrize("wrong", [[5, 1, 1, 0, 0, 0], [0.5] * 6, [1, 1], None])
 def test_a_refused_action_leaves_the_turn_with_its_agent(wrong: Any) -> None:
-    """Not with the last agent of the tick, whose turn could then never be taken."""
     env = outlast.adapters.aec_env("ffa_3", seed=0, n_agents=3)
     env.reset()
     for turn, agent in enumerate(env.possible_agents):
@@ -465,7 +461,6 @@ def test_going_on_from_a_saved_state(name: str, dead: str) -> None:
 
 @pytest.mark.parametrize("name", ["ffa_1", "ffa_3", "teams_3", "teams_3+steering"])
 def test_scaled_states_are_about_minus_1_to_1(name: str) -> None:
-    """But for the numbers of agents and teams, as in observations."""
     env = make_vec(name, 5, seed=1, copy=False)
     overview, found = GlobalState(env.worlds), []
     assert overview.scale.shape == overview.space.shape

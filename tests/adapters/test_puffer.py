@@ -154,25 +154,11 @@ def test_the_example_values_last_observations_where_episodes_are_cut_short(monke
     assert isinstance(this.obs, torch.Tensor)
 
 
-def example(*options: str) -> list[float]:
-    """The returns that docs/examples/puffer_ppo.py prints, by update."""
-    done = subprocess.run([sys.executable, str(EXAMPLE), *options], capture_output=True, text=True, timeout=280)
-    assert done.returncode == 0, done.stderr
-    return [float(line.split("return ")[1].split(",")[0]) for line in done.stdout.splitlines()]
-
-
-@pytest.mark.nightly
-@needs_puffer
-def test_the_example_updates() -> None:
-    """An update is of 2 agents, 4 worlds and 4 steps."""
-    pytest.importorskip("torch", reason="needs PyTorch: outlast[train]")
-    options = ("--variant", "ffa_1", "--num-worlds", "4", "--num-steps", "4", "--total-timesteps", "64")
-    assert len(example(*options)) == 2
-
-
 @needs_puffer
 @pytest.mark.nightly
 def test_the_example_learns() -> None:
     """Ticks that agents live, 200 at most, without masks."""
-    returns = example()
+    done = subprocess.run([sys.executable, str(EXAMPLE)], capture_output=True, text=True, timeout=280)
+    assert done.returncode == 0, done.stderr
+    returns = [float(line.split("return ")[1].split(",")[0]) for line in done.stdout.splitlines()]
     assert np.mean(returns[-5:]) > np.mean(returns[:5]) + 50

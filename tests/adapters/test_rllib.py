@@ -9,7 +9,6 @@ import pytest
 
 import outlast
 from outlast.envs.adapters.gymnasium_learners import SurvivalLearnerVectorEnv
-from outlast.envs.core.agents import present
 from tests.helpers import execution_modes
 
 ray = pytest.importorskip("ray", reason="Ray is not installed: pip install 'outlast[ray]'")
@@ -41,60 +40,37 @@ def idle(env):
     return {agent: [1, 1, 1, 0, 0, 0] for agent in env.agents}
 
 
+LIMITED = outlast.variant("teams_3").replace(agents_health=11, safe_zone_radii=(8.0,), ending_limit=12)
+GAMES = {"deaths at the time limit": LIMITED}
+GAMES |= {name: execution_modes.short(name).replace(ending_limit=25) for name in ("ffa_1", "teams_3")}
+GAMES |= {name: execution_modes.short(name) for name in (execution_modes.HUNT, *execution_modes.LEVELS)}
+
+
 @pytest.mark.parametrize("dead", ["end", "keep"])
-@pytest.mark.parametrize("variant", ["ffa_1", "teams_3", execution_modes.HUNT, *execution_modes.EACH_LEVEL])
-def test_it_is_world_0_of_a_batch(variant, dead):
-    """Observations, rewards and ends, with the same actions."""
-    scenario = execution_modes.short(variant).replace(ending_limit=25)
-    env = SurvivalMultiAgentEnv({"scenario": scenario, "dead": dead})
-    batch = outlast.make_vec(scenario, 1, seed=9)
-    rng, lost = np.random.default_rng(0), set()
-    (mine, infos), (theirs, _) = env.reset(seed=9), batch.reset()
-    there = [i for i in range(batch.num_agents) if dead == "keep" or present(batch.worlds, 0)[i]]
-    assert env.possible_agents == [f"agent_{i}" for i in range(batch.num_agents)]
-    assert list(mine) == list(infos) == env.agents == [f"agent_{i}" for i in there]
-    while env.agents:
-        for agent, observation in mine.items():
-            assert env.observation_spaces[agent].contains(observation)
-            for key, values in observation.items():
-                np.testing.assert_array_equal(values, theirs[key][0, int(agent[6:])])
-        actions = rng.integers(0, [3, 3, 3, 2, 2, 2], (1, batch.num_agents, 6))
-        acting = env.agents
-        mine, pay, done, cut, infos = env.step({agent: actions[0, int(agent[6:])] for agent in acting})
-        theirs, reward, terminated, truncated, _ = batch.step(actions)
-        assert mine.keys() == pay.keys() == infos.keys() == set(acting)
-        assert done.keys() == {*acting, "__all__"}
-        assert cut.keys() == {"__all__"}
-        assert [pay[agent] for agent in acting] == [reward[0, int(agent[6:])] for agent in acting]
-        assert (done["__all__"], cut["__all__"]) == (terminated[0], truncated[0])
-        ends = {agent for agent in acting if done[agent]}
-        assert (
-            ends == ({agent for agent in acting if not infos[agent]["alive"]} if dead == "end" else set())
-            or done["__all__"]
-        )
-        lost |= ends
-        assert env.agents == ([] if terminated[0] or truncated[0] else [a for a in acting if a not in ends])
-    assert lost or (len(there) < 3 and dead == "end")
-
-
-def test_the_time_limit_ends_it_for_all_whoever_dies_in_that_tick():
-    """In tick 12 those outside of the zone die, and the time is up (as in the tests of the batch)."""
-    numbers = {"agents_health": 11, "safe_zone_radii": (8.0,), "ending_limit": 12}
-    mixed = 0
-    for seed in range(20):
-        env = SurvivalMultiAgentEnv({"scenario": "teams_3", **numbers})
-        env.reset(seed=seed)
-        for tick in range(1, 13):
-            _, _, done, cut, _ = env.step(idle(env))
-            assert tick == 12 or not any((*done.values(), *cut.values()))
-        ended = done.pop("__all__"), cut.pop("__all__")
-        assert ended in ((True, False), (False, True))
-        assert len(done) == 4
-        mixed += len(set(done.values())) == 2
-        assert ended[1] or all(done.values())
-        *_, again, cut_again, _ = env.step({})
-        assert (again, cut_again) == ({"__all__": ended[0]}, {"__all__": ended[1]})
-    assert mixed
+@pytest.mark.parametrize("name", GAMES)
+def test_it_is_the_environment_of_pettingzoo(name, dead):
+    """But that a time limit is one of all agents; and it says again how an episode has ended."""
+    rng, ends = np.random.default_rng(0), set()
+    for seed in range(4):
+        env = SurvivalMultiAgentEnv({"scenario": GAMES[name], "dead": dead})
+        parallel = outlast.adapters.parallel_env(GAMES[name], dead=dead)
+        (mine, infos), (theirs, known) = env.reset(seed=seed), parallel.reset(seed=seed)
+        while env.agents:
+            assert (env.agents, env.possible_agents) == (parallel.agents, parallel.possible_agents)
+            assert list(mine) == list(theirs)
+            assert all(env.observation_spaces[agent].contains(seen) for agent, seen in mine.items())
+            assert all(execution_modes.equal(mine[agent], theirs[agent]) for agent in mine)
+            assert infos == known
+            actions = {agent: rng.integers(0, [3, 3, 3, 2, 2, 2]) for agent in env.agents}
+            mine, pay, done, cut, infos = env.step(actions)
+            theirs, rewards, terminated, truncated, known = parallel.step(actions)
+            limit = any(truncated.values())
+            assert pay == rewards
+            assert cut == {"__all__": limit}
+            assert done == terminated | {"__all__": not limit and not parallel.agents}
+        ends.add((limit, len({*terminated.values()})))
+        assert env.step({})[2:4] == ({"__all__": not limit}, {"__all__": limit})
+    assert name != "deaths at the time limit" or dead == "keep" or (True, 2) in ends
 
 
 @pytest.mark.parametrize("dead", ["end", "keep"])
@@ -115,7 +91,6 @@ def test_rllib_bootstraps_at_the_time_limit_and_nowhere_else(dead):
 
 @pytest.mark.parametrize("name", ["ffa_3", *execution_modes.EACH_LEVEL])
 def test_rllib_finds_nothing_wrong(name):
-    """In every form of actions and observations, with and without masks."""
     kinds = ("multi", "joint", "continuous")
     forms = itertools.product(("end", "keep"), kinds, ("dict", "flat"), (False, True), (False, True))
     for form in forms:
@@ -128,21 +103,16 @@ def test_rllib_finds_nothing_wrong(name):
 @pytest.mark.parametrize("actions", ["multi", "joint"])
 def test_masks_are_in_the_observations(actions):
     options = {"scenario": execution_modes.short("teams_3"), "actions": actions}
-    plain, masked = SurvivalMultiAgentEnv(options), SurvivalMultiAgentEnv(options | {"action_masks": True})
-    batch = outlast.make_vec(options["scenario"], 1, seed=9, actions=actions)
-    batch.reset()
-    (mine, _), (theirs, _) = plain.reset(seed=9), masked.reset(seed=9)
-    while plain.agents:
-        masks = batch.action_masks()[0]
-        for agent, observation in theirs.items():
-            assert masked.observation_spaces[agent].contains(observation)
-            assert np.array_equal(observation["action_mask"], masks[int(agent[6:])])
-            for key, values in observation["observations"].items():
-                assert np.array_equal(values, mine[agent][key])
-        chosen = batch.action_space.sample()
-        acting = {agent: chosen[0, int(agent[6:])] for agent in plain.agents}
-        mine, theirs = plain.step(acting)[0], masked.step(acting)[0]
-        batch.step(chosen)
+    env = SurvivalMultiAgentEnv(options | {"action_masks": True})
+    parallel = outlast.adapters.parallel_env(**options, action_masks="observation")
+    mine, theirs = env.reset(seed=9)[0], parallel.reset(seed=9)[0]
+    while env.agents:
+        for agent, seen in mine.items():
+            assert env.observation_spaces[agent].contains(seen)
+            assert execution_modes.equal(seen["observations"], theirs[agent]["observation"])
+            assert np.array_equal(seen["action_mask"], theirs[agent]["action_mask"])
+        acting = {agent: env.action_spaces[agent].sample() for agent in env.agents}
+        mine, theirs = env.step(acting)[0], parallel.step(acting)[0]
 
 
 @pytest.mark.parametrize("masks", [False, True])
@@ -243,7 +213,6 @@ def test_ppo_learns_on_a_batch_of_worlds(workers):
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["teams_3", execution_modes.ALL])
 def test_ppo_trains(workers, name):
-    """One iteration of the new API stack, with one policy for all."""
     from ray.rllib.algorithms.ppo import PPOConfig
 
     config = (

@@ -78,7 +78,6 @@ def test_it_is_the_batched_environment(name: str) -> None:
 
 
 def test_what_is_won_in_the_last_tick_of_the_limit_is_not_cut_off() -> None:
-    """Stable-Baselines3 would bootstrap from the observation at the end."""
     env = make_sb3(won_at_the_limit(), 2, seed=0)
     env.reset()
     for _ in range(TICK - 1):
@@ -89,7 +88,6 @@ def test_what_is_won_in_the_last_tick_of_the_limit_is_not_cut_off() -> None:
 
 
 def test_no_seed_is_a_new_one() -> None:
-    """Whatever numpy's own random state is."""
     drawn = []
     for _ in range(2):
         np.random.seed(0)  # noqa: NPY002
@@ -120,13 +118,7 @@ def test_step_async_and_step_wait_take_turns() -> None:
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "sb3_ppo.py"
 
 
-def pair() -> tuple[Any, Any]:
-    """Two environments of the same worlds, one to be wrapped."""
-    return make_sb3(SHORT, WORLDS, seed=0), make_sb3(SHORT, WORLDS, seed=0)
-
-
 def test_a_monitor_keeps_statistics_also_of_agents_that_an_episode_does_not_have() -> None:
-    """Theirs are 0."""
     env, absent = vec.VecMonitor(make_sb3(short(COUNTS), WORLDS, seed=0), info_keywords=("return", "length")), 0
     for _, _, dones, infos in walk(env):
         for info in [infos[i] for i in np.flatnonzero(dones) if not infos[i]["present"]]:
@@ -218,50 +210,31 @@ def test_a_window_shows_the_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     assert vec.VecMonitor(env).render("human") is None
     shown = pygame.surfarray.array3d(pygame.display.get_surface()).swapaxes(0, 1)
     assert np.array_equal(shown, env.render())
-    env.close()
-    assert pygame.display.get_surface() is None
-    with pytest.warns(UserWarning, match="'human' or 'rgb_array'"):
-        assert make_sb3("ffa_1", 1).render("human") is None
 
 
-def test_ppo_keeps_what_its_agents_saw() -> None:
-    """The rollout that it learns from: observations as they were when the actions were chosen, not a step later."""
-    from stable_baselines3 import PPO
-
-    env, reference = pair()
-    steps, agents = 40, env.num_envs
-    model = PPO("MultiInputPolicy", env, n_steps=steps, batch_size=steps * agents, n_epochs=1, gamma=0, seed=4)
+def test_maskable_ppo_keeps_what_its_agents_saw_and_draws_what_masks_leave() -> None:
+    """Observations as they were when the actions were chosen, not a step later; and the masks of those worlds."""
+    contrib = pytest.importorskip("sb3_contrib", reason="sb3-contrib is not installed: pip install 'outlast[sb3]'")
+    scenario, steps = SHORT.replace(melee_cooldown=5), 40
+    env, reference = (make_sb3(scenario, WORLDS, seed=0) for _ in range(2))
+    agents, form = env.num_envs, {"n_steps": steps, "batch_size": steps * env.num_envs, "n_epochs": 1, "seed": 4}
+    model = contrib.MaskablePPO("MultiInputPolicy", env, gamma=0, **form)
     model.learn(1)  # one rollout
     kept = model.rollout_buffer
     observed = {key: rows.reshape(agents, steps, *rows.shape[1:]) for key, rows in kept.observations.items()}
     acted = kept.actions.reshape(agents, steps, -1).astype(int)
+    masks = kept.action_masks.reshape(agents, steps, -1) > 0
+    first = np.concatenate([[0], reference.base_env.action_sizes[:-1]]).cumsum()  # entry of each action's value 0
     reference.seed(4)  # as PPO did
     seen, dones = reference.reset(), np.ones(agents, bool)
     for t in range(steps):
         assert equal(seen, {key: rows[:, t] for key, rows in observed.items()})
         assert dones.tolist() == kept.episode_starts[t].tolist()
+        assert np.array_equal(masks[:, t], reference.action_masks())
+        assert np.take_along_axis(masks[:, t], first + acted[:, t], 1).all()
         seen, rewards, dones, _ = reference.step(acted[:, t])
         assert rewards.tolist() == kept.rewards[t].tolist()
     assert kept.episode_starts[1:].any()
-
-
-def test_maskable_ppo_draws_what_the_masks_leave() -> None:
-    """The masks of its rollout are those of the worlds in which it acted."""
-    contrib = pytest.importorskip("sb3_contrib", reason="sb3-contrib is not installed: pip install 'outlast[sb3]'")
-    scenario, steps = SHORT.replace(melee_cooldown=5), 40
-    env, reference = (make_sb3(scenario, WORLDS, seed=0, observations="flat") for _ in range(2))
-    agents, form = env.num_envs, {"n_steps": steps, "batch_size": steps * env.num_envs, "n_epochs": 1, "seed": 4}
-    model = contrib.MaskablePPO("MlpPolicy", env, **form)
-    model.learn(1)  # one rollout
-    acted = model.rollout_buffer.actions.reshape(agents, steps, -1).astype(int)
-    masks = model.rollout_buffer.action_masks.reshape(agents, steps, -1) > 0
-    reference.seed(4)
-    reference.reset()
-    first = np.concatenate([[0], reference.base_env.action_sizes[:-1]]).cumsum()  # entry of each action's value 0
-    for t in range(steps):
-        assert np.array_equal(masks[:, t], reference.action_masks())
-        assert np.take_along_axis(masks[:, t], first + acted[:, t], 1).all()
-        reference.step(acted[:, t])
     assert not masks.all()
 
 

@@ -47,7 +47,6 @@ def test_gymnasium(name: str, dead: str, form: dict[str, Any]) -> None:
 
 @dead_too
 def test_vectors_of_gymnasium(name: str, dead: str, form: dict[str, Any]) -> None:
-    """make_vec by the entry point of a batch agrees with its single spaces, and with that of copies of one."""
     options = {"scenario": short(name), "dead": dead, **form}
     options["vectorization_mode"] = "vector_entry_point"
     with contextlib.closing(gymnasium.make_vec("outlast/Teams3-v1", 3, **options)) as batch:
@@ -98,7 +97,6 @@ def test_supersuit(name: str, form: dict[str, Any]) -> None:
         assert many.contains(seen)
         seen, rewards, *_ = env.step(drawn.sample())
         assert np.isfinite(rewards).all()
-    env.close()
 
 
 @dead_too
@@ -111,7 +109,6 @@ def test_stable_baselines(name: str, dead: str, form: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize(("form", "dead"), forms(DEAD))
 def test_minari(dead: str, form: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A dataset that its collector makes, from an environment that the dataset recovers."""
     minari = pytest.importorskip("minari", reason="needs Minari: outlast[data]")
     pytest.importorskip("jax", reason="needs JAX, as Minari's collector does: outlast[test-ray]")
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))

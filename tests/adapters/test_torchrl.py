@@ -42,12 +42,10 @@ FORMS = (["joint", "multi", "continuous"], ["flat", "dict"], [False, True], ["al
 
 @pytest.mark.parametrize(("actions", "observations", "scale", "groups"), covering(*FORMS))
 def test_specs(actions: str, observations: str, scale: bool, groups: Any) -> None:
-    """TorchRL's own check of every combination."""
     env = make(actions=actions, observations=observations, scaled=scale, groups=groups)
     check_env_specs(env)
     assert env.batch_size == (WORLDS,)
     assert sorted(name for own in env.group_map.values() for name in own) == [f"agent_{i}" for i in range(4)]
-    env.close()
 
 
 @pytest.mark.parametrize("name", ["ffa_3", ROLES, MAZE, COUNTS, ALL])
@@ -108,8 +106,12 @@ def test_seeds() -> None:
     assert torch.equal(starts[0], starts[1])
     assert torch.equal(starts[0], starts[2])
     assert not torch.equal(starts[0], first.reset()["agents", "observation"])
-    with pytest.raises(ValueError, match="seed = -1"):
-        first.set_seed(-1)
+    assert torch.equal(make(seed=None).reset(seed=SEED)["state"], make().reset()["state"])
+    for seed in (first.set_seed, lambda seed: first.reset(seed=seed)):
+        with pytest.raises(ValueError, match="seed = -1"):
+            seed(-1)
+    with pytest.raises(TypeError, match=r"reset\(\) has no keyword sede: it takes seed"):
+        first.reset(sede=3)
 
 
 def played(plain: Any, env: Any, td: Any) -> tuple[Any, Any]:
@@ -127,10 +129,8 @@ def flat_worlds(seed: int) -> Any:
 @pytest.mark.parametrize("how", ["set_seed", "reset"])
 def test_a_seed_in_mid_run_leaves_worlds_that_go_on_alone(how: str) -> None:
     """Those of the mask begin with it, the others go on bit for bit, and begin with it at their own next reset."""
-    env, old, new = (
-        outlast.adapters.make_torchrl("teams_3", WORLDS, seed=1, max_episode_steps=50),
-        *map(flat_worlds, (1, 2)),
-    )
+    env = outlast.adapters.make_torchrl("teams_3", WORLDS, seed=1, max_episode_steps=50)
+    old, new = map(flat_worlds, (1, 2))
     old.reset()
     torch.manual_seed(SEED)
     seen, td = played(old, env, env.reset())
@@ -197,7 +197,6 @@ def test_worlds_that_a_step_leaves_out_stay() -> None:
 
 
 def test_steps_of_some_worlds_are_recorded(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
-    """Each tick replays to the bit; and nobody dies, or stops everything, twice."""
     env = make(worlds=6, agents_health=3, max_episode_steps=60)
     with caplog.at_level("INFO", "outlast.deaths"), outlast.record(env.vector_env, tmp_path / "a.rec"):
         env.rollout(60, break_when_all_done=True)
@@ -212,32 +211,20 @@ def test_steps_of_some_worlds_are_recorded(tmp_path: Path, caplog: pytest.LogCap
         td["_step"] = torch.arange(6) != (-1, 1)[k]
         with pytest.raises(FaultError, match="world 1") if k == 0 else contextlib.nullcontext():
             env.step(td.clone())
-    env.close()
-
-
-def test_keywords_of_reset() -> None:
-    assert torch.equal(make(seed=None).reset(seed=SEED)["state"], make().reset()["state"])
-    with pytest.raises(TypeError, match=r"reset\(\) has no keyword sede: it takes seed"):
-        make().reset(sede=3)
-    with pytest.raises(ValueError, match="seed = -1"):
-        make().reset(seed=-1)
 
 
 @pytest.mark.parametrize(
     ("form", "actions", "message"),
     [
         ("joint", torch.full((WORLDS, 4), 0.9), "actions of the group agents are float32: integers are needed"),
-        ("joint", torch.ones(WORLDS, 4, dtype=torch.bool), "actions of the group agents are bool: integers"),
         ("joint", torch.ones(WORLDS, 4, 1, dtype=torch.int64), r"\(4, 4, 1\): \(worlds, n\) = \(4, 4\) is needed"),
         ("joint", torch.full((WORLDS, 4), 216), "is 216: 0 to 215 is allowed"),
-        ("multi", torch.ones(WORLDS, 4, 1, dtype=torch.int64), r"\(worlds, n, actions\) = \(4, 4, 6\) is needed"),
         ("multi", torch.full((WORLDS, 4, 6), 2), "is 2: 0 to 1 is allowed"),
         ("continuous", torch.zeros(WORLDS, 4, 6, dtype=torch.int64), "are int64: floats are needed"),
         ("continuous", torch.full((WORLDS, 4, 6), 1.5), r"action 0 \(ahead\) of agent 0 of agents in world 0 is 1.5"),
     ],
 )
 def test_actions_that_cannot_be_are_refused(form: str, actions: Any, message: str) -> None:
-    """As by make_vec; nothing has changed."""
     env = make(actions=form)
     td = env.reset()
     before = td["state"].clone()
@@ -284,7 +271,6 @@ def test_tensors_of_a_step_stay_as_they_are() -> None:
 
 
 def test_masked_actions_are_not_drawn() -> None:
-    """TorchRL's transform draws among what the mask leaves."""
     from torchrl.envs import ActionMask, TransformedEnv
 
     keys = {"action_key": ("agents", "action"), "mask_key": ("agents", "action_mask")}
@@ -294,16 +280,10 @@ def test_masked_actions_are_not_drawn() -> None:
     assert not rollout["agents", "action_mask"].all()
 
 
-def test_it_moves_and_stands_beside_others() -> None:
+@pytest.mark.parametrize("kind", [SerialEnv, pytest.param(ParallelEnv, marks=pytest.mark.nightly)])
+def test_it_moves_and_stands_beside_others(kind: Any) -> None:
     assert make().to("cpu").device == torch.device("cpu")
-    several = SerialEnv(2, make)
-    assert several.rollout(3)["agents", "observation"].shape[:4] == (2, WORLDS, 3, 4)
-    several.close()
-
-
-@pytest.mark.nightly
-def test_processes() -> None:
-    several = ParallelEnv(2, make)
+    several = kind(2, make)
     assert several.rollout(3)["agents", "observation"].shape[:4] == (2, WORLDS, 3, 4)
     several.close()
 

@@ -44,7 +44,6 @@ def wrapped(name: str, dead: str) -> Any:
 
 @GAMES
 def test_specs(name: str, dead: str) -> None:
-    """TorchRL's own check; agents are one group, by the prefix of their names."""
     env = wrapped(name, dead)
     check_env_specs(env)
     assert env.group_map == {"agent": ["agent_0", "agent_1", "agent_2", "agent_3"]}
