@@ -1,6 +1,5 @@
 """The compile cache: filled by several processes at once, damaged, on a full disk, not writable, or others' as well."""
 
-import ast
 import compileall
 import contextlib
 import errno
@@ -9,10 +8,8 @@ import re
 import shutil
 import subprocess
 import sys
-import tempfile
 import time
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -23,45 +20,14 @@ from outlast.ecs import kernel
 from outlast.ecs.compilation import cache
 from outlast.ecs.compilation.cache import CompiledUnits
 from outlast.ecs.kernels import cache_files
-from outlast.ecs.kernels.cache_files import SUFFIX, cache_folder, cache_folders, is_private, one_at_a_time
+from outlast.ecs.kernels.cache_files import cache_folder, cache_folders, is_private, one_at_a_time
 from outlast.ecs.kernels.machine_code import Code
 from tests.engine.test_compile import ROOT, SCRIPT, in_process
 
 DIGEST = 2  # the index of the digest in the output of a process
 
 
-COUNTED = """
-from outlast.ecs.compilation.cache import CompiledUnits
-
-compile_one = CompiledUnits._compile_one
-
-def counted(self, label):
-    with open({log!r}, "a") as file:
-        file.write(label + chr(10))
-    return compile_one(self, label)
-
-CompiledUnits._compile_one = counted
-"""
-
-
-@pytest.mark.nightly
-def test_processes_that_begin_together_compile_each_unit_once(tmp_path: Path) -> None:
-    """Three agree, and leave code that a fourth one loads."""
-    cache, log = tmp_path / "cache", tmp_path / "log"
-    with ThreadPoolExecutor(3) as pool:
-        outputs = [
-            done.stdout.split() for done in pool.map(lambda _: failing(cache, COUNTED.format(log=str(log))), range(3))
-        ]
-    later = in_process(cache)
-    assert later[:2] == ["0", "True"]
-    assert {one[DIGEST] for one in outputs} == {later[DIGEST]}
-    labels, files = log.read_text().splitlines(), [path for path in cache.iterdir() if path.name != cache_files.LOCK]
-    assert len(set(labels)) == len(labels) == len(files)
-    assert {path.suffix for path in files} == {SUFFIX}
-
-
 def test_one_process_compiles_at_a_time(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Others wait, but not for ever, as for a process that was suspended."""
     waits = list[float]()
     monkeypatch.setattr(cache_files.time, "sleep", waits.append)
     monkeypatch.setattr(cache_files, "PATIENCE", 0.05)
@@ -71,21 +37,20 @@ def test_one_process_compiles_at_a_time(place: Path, monkeypatch: pytest.MonkeyP
         waits.clear()
 
 
-def failing(cache: Path, before: str = "") -> subprocess.CompletedProcess[str]:
-    """A process that runs the code `before` and makes worlds."""
-    script = before + SCRIPT.format(game=str(ROOT), root=str(ROOT), module="tests.helpers.toy_game")
-    environment = os.environ | {"OUTLAST_CACHE_DIR": str(cache)}
-    return subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, timeout=250)
-
-
 @pytest.mark.nightly
 @pytest.mark.skipif(sys.platform == "win32", reason="limits are those of POSIX")
 def test_a_full_disk_costs_no_more_than_the_cache(tmp_path: Path) -> None:
     """The largest allowed file is smaller than the code, so that writing it fails midway."""
     limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (2_000, 2_000))\n"
-    done = failing(tmp_path, limit)
+    done = worlds_made(limit + SCRIPT.format(game=ROOT, root=ROOT, module="tests.helpers.toy_game"), tmp_path)
     assert done.returncode == 0, done.stderr
     assert "compiled code is not kept" in done.stderr
+
+
+def worlds_made(script: str, cache: Path) -> subprocess.CompletedProcess[str]:
+    """A process that makes worlds."""
+    environment = os.environ | {"OUTLAST_CACHE_DIR": str(cache)}
+    return subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, timeout=250)
 
 
 def refuse(*_: Any) -> None:
@@ -202,59 +167,6 @@ def test_a_read_only_folder_is_read(place: Path, monkeypatch: pytest.MonkeyPatch
     assert cache_files.read(folder / "a.unit") == CODE
 
 
-def as_user(number: int, function: Callable[[], Any]) -> Any:
-    """What the function returns, run by the user of this number."""
-    reading, writing = os.pipe()
-    child = os.fork()
-    if child == 0:
-        try:
-            os.setgroups([])
-            os.setgid(5)
-            os.setuid(number)
-            os.umask(0o002)
-            result = repr(function())
-        except BaseException as error:
-            result = repr(repr(error))
-        os.write(writing, result.encode())
-        os._exit(0)
-    os.close(writing)
-    os.waitpid(child, 0)
-    with os.fdopen(reading) as pipe:
-        return ast.literal_eval(pipe.read())
-
-
-@pytest.fixture
-def shared(place: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """The name of a folder for the cache, where other users can reach it, beside one for temporary files."""
-    if sys.platform != "linux" or os.geteuid():
-        pytest.skip("only root can be another user")
-    with tempfile.TemporaryDirectory(dir="/tmp") as folder:
-        there = (place / "temporary").rename(Path(folder, "temporary"))
-        there.parent.chmod(0o755)
-        monkeypatch.setattr("tempfile.tempdir", str(there))
-        monkeypatch.setenv("OUTLAST_CACHE_DIR", str(there.with_name("shared")))
-        yield there.with_name("shared")
-
-
-@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
-def test_users_load_the_code_in_an_image(shared: Path) -> None:
-    """Root's, years old, from a folder that they cannot write to; what is missing goes to a temporary folder."""
-    folder = cache_folder()
-    assert folder == shared
-    before = os.umask(0o022)
-    cache_files.write(folder / "a.unit", CODE)
-    os.umask(before)
-    os.utime(folder / "a.unit", (0, 0))
-
-    def run() -> list[str]:
-        found = cache_folders()
-        assert cache_files.read(found.readable[0] / "a.unit") == CODE
-        return [*map(str, (*found.readable, found.writable)), found.problem]
-
-    own = str(shared.parent / "temporary" / "outlast-70000")
-    assert as_user(70_000, run) == [str(shared), own, own, f"{shared} is not writable"]
-
-
 @posix_only
 @pytest.mark.parametrize("foreign", ["a group can write it", "all can write it", "another user's"])
 def test_code_that_others_could_have_written_counts_as_absent(tmp_path: Path, foreign: str) -> None:
@@ -272,6 +184,15 @@ def test_code_that_others_could_have_written_counts_as_absent(tmp_path: Path, fo
     assert cache_files.read(tmp_path / "a.unit") is None
     assert cache_files.write(tmp_path / "a.unit", CODE)
     assert cache_files.read(tmp_path / "a.unit") == CODE
+
+
+@posix_only
+def test_code_of_roots_is_loaded_by_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in an image; nobody else's is."""
+    assert cache_files.write(tmp_path / "a.unit", CODE)
+    root = os.geteuid() == 0
+    monkeypatch.setattr(os, "geteuid", lambda: 70_000)
+    assert cache_files.read(tmp_path / "a.unit") == (CODE if root else None)
 
 
 def link(path: Path) -> None:
@@ -305,7 +226,6 @@ ODD: dict[str, Callable[[Path], Any]] = {
 @posix_only
 @pytest.mark.parametrize("odd", ODD)
 def test_odd_entries_count_as_absent(odd: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """They are replaced, except folders."""
     monkeypatch.setattr(cache_files, "WARNED", [])
     path = tmp_path / "a.unit"
     ODD[odd](path)
@@ -318,7 +238,6 @@ def test_odd_entries_count_as_absent(odd: str, tmp_path: Path, monkeypatch: pyte
 @posix_only
 @pytest.mark.parametrize("odd", ODD)
 def test_a_lock_that_is_odd_keeps_nobody(odd: str, place: Path) -> None:
-    """And nothing is written where a link leads."""
     folder = cache_folder()
     assert folder
     ODD[odd](folder / cache_files.LOCK)
@@ -380,7 +299,6 @@ def thrice(k: int) -> int:
 
 @posix_only
 def test_without_a_folder_code_is_kept_in_memory(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With one warning in a process."""
     PLACES["none can be used"][1](place / "here")
     monkeypatch.setenv("OUTLAST_CACHE_DIR", str(place / "here"))
     monkeypatch.setattr(cache, "ADDRESSES", {})
@@ -402,7 +320,6 @@ def test_the_progress_is_logged(place: Path, monkeypatch: pytest.MonkeyPatch, ca
 
 @pytest.mark.nightly
 def test_bytecode_without_sources_is_enough(tmp_path: Path) -> None:
-    """The same game has the same digest."""
     package = Path(outlast.__file__).parent
     for part in ("ecs", "components", "systems", "envs", "training"):
         shutil.copytree(package / part, tmp_path / "outlast" / part)
@@ -413,8 +330,5 @@ def test_bytecode_without_sources_is_enough(tmp_path: Path) -> None:
         source.unlink()
     script = SCRIPT.format(game=str(tmp_path), root=str(ROOT), module="tests.helpers.toy_game")
     before = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); import outlast; assert '.pyc' in outlast.__file__"
-    environment = os.environ | {"OUTLAST_CACHE_DIR": str(tmp_path / "cache")}
-    done = subprocess.run(
-        [sys.executable, "-c", f"{before}\n{script}"], env=environment, capture_output=True, text=True, timeout=250
-    )
+    done = worlds_made(f"{before}\n{script}", tmp_path / "cache")
     assert done.stdout.split()[DIGEST:] == in_process(tmp_path / "other")[DIGEST:], done.stderr

@@ -43,7 +43,6 @@ def test_recordings_of_absurd_worlds_are_refused_before_anything_is_made(
 
 
 def test_many_worlds_in_few_bytes_are_refused(tmp_path: Path, recordings: Recordings) -> None:
-    """Four kilobytes that request 3 GB."""
     large = recordings.changed(recordings.valid, {"worlds": 1000}, inventory_slots=40_000)
     (tmp_path / "a.rec").write_bytes(large)
     with pytest.raises(RecordingError, match=r"its worlds would take 33\d{8} bytes: 1\d{9} are given to"):

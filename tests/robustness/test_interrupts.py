@@ -1,11 +1,11 @@
-"""Ctrl-C at any moment: a call has not begun, is complete, or the environment demands a reset; nothing hangs.
+"""Ctrl-C at any line: a call has not begun, is complete, or the environment demands a reset.
 
-A step that a fault interrupts is complete for all other worlds.
+A step that a fault interrupts is complete for all other worlds. Threads that share worlds, and jobs in threads, are
+interrupted in tests/engine/test_team.py and tests/core/test_jobs_in_threads.py.
 """
 
 import collections
 import contextlib
-import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -23,86 +23,8 @@ from outlast.envs.errors import FaultError, NotResetError
 from tests.helpers.execution_modes import equal
 from tests.helpers.model import digest_of_episode
 
-ROOT = Path(__file__).resolve().parents[2]
 MODES = ("NextStep", "SameStep")
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals are those of POSIX")
-
-SCRIPT = """
-import collections, os, signal, threading, time
-import numpy as np
-import outlast
-from outlast.envs.errors import NotResetError
-from tests.helpers.model import digest_of_episode
-
-signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored by the background processes of a shell
-times, worlds, threads, autoreset = {times}, {worlds}, {threads}, {autoreset!r}
-rng = np.random.default_rng(1)
-scenario = outlast.variant("ffa_3").replace(agents_health=20, ending_limit=5)
-env = outlast.make_vec(scenario, worlds, seed=0, threads=threads, autoreset_mode=autoreset)
-actions = [rng.integers(0, env.action_sizes, (worlds, 2, 6)) for _ in range(12)]
-
-
-def calls(t):  # each with the number of steps since the reset to which it leads
-    yield lambda: env.step(actions[t]), t + 1
-    yield lambda: (env.send(actions[t]), env.recv()), t + 1
-    yield lambda: env.reset(seed=0), 0
-    yield lambda: env.set_state(middle), 6
-
-
-env.reset(seed=0)
-expected, seconds = [digest_of_episode(env.worlds)], []
-for t in range(12):
-    middle = env.get_state() if t == 6 else None if t < 6 else middle
-    start = time.perf_counter()
-    env.step(actions[t])
-    seconds.append(time.perf_counter() - start)
-    expected.append(digest_of_episode(env.worlds))
-
-env.reset(seed=0)
-longest, t, seen = 1.3 * float(np.median(seconds)), 0, collections.Counter()
-while sum(seen.values()) < times or (sum(seen.values()) < 10 * times and not seen["interrupted"] * seen["complete"]):
-    call, then = list(calls(t))[0 if rng.random() < 0.6 and t < 12 else rng.integers(2 * (t == 12), 4)]
-    timer = threading.Timer(rng.uniform(0, longest), os.kill, (os.getpid(), signal.SIGINT))
-    try:
-        timer.start()
-        call()
-        time.sleep(60)
-    except KeyboardInterrupt:
-        pass
-    timer.join()
-    if env._guard.busy:
-        env.recv()
-    found = digest_of_episode(env.worlds)
-    if env.get_state().arrays["started"].all():
-        assert found in (expected[t], expected[then]), (t, then, seen, found in expected)
-        seen["complete" if found == expected[then] else "not begun"] += 1
-        t = then if found == expected[then] else t
-        continue
-    try:
-        env.step(actions[0])
-        raise AssertionError("it can be stepped")
-    except NotResetError as error:
-        assert "interrupted" in str(error)
-    seen["interrupted"] += 1
-    env.reset(seed=0)
-    t = 0
-    assert digest_of_episode(env.worlds) == expected[0], seen
-env.close()
-assert seen["interrupted"] and seen["complete"], seen
-"""
-
-
-@pytest.mark.parametrize(
-    ("threads", "autoreset", "times", "worlds"),
-    [
-        (1, "NextStep", 30, 1024),
-        *(pytest.param(t, mode, 200, 4096, marks=pytest.mark.nightly) for t in (1, 3) for mode in MODES),
-    ],
-)
-def test_interrupted_calls(threads: int, autoreset: str, times: int, worlds: int) -> None:
-    script = SCRIPT.format(times=times, worlds=worlds, threads=threads, autoreset=autoreset)
-    done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, timeout=250)
-    assert done.returncode == 0, done.stdout + done.stderr
 
 
 @pytest.mark.parametrize("autoreset", MODES)
@@ -139,7 +61,6 @@ def test_a_fault_in_one_world_keeps_no_other_from_ending(make: Any, autoreset: s
     ],
 )
 def test_interrupted_at_any_line(name: str, autoreset: str, stride: int) -> None:
-    """Signals at random times seldom find the lines between the parts of a call: each of them, one after the other."""
     scenario, idle = variant("ffa_3").replace(agents_health=20, ending_limit=3), np.ones((3, 2, 6), int)
     env, clean, other = (make_vec(scenario, 3, seed=seed, autoreset_mode=autoreset) for seed in (1, 1, 2))
     for each in (env, clean):
@@ -171,7 +92,7 @@ def test_interrupted_at_any_line(name: str, autoreset: str, stride: int) -> None
     assert digest_of_episode(env.worlds) == after
     assert seen["complete"], seen
     assert seen["not begun"], seen
-    assert seen["interrupted"] or name == "step", seen  # a whole step is one compiled call
+    assert seen["interrupted"] or name == "step", seen  # all of a step is one compiled call
 
 
 def interrupted_at(line: int, call: Callable[[], object]) -> bool:

@@ -51,7 +51,6 @@ def writer_of(name: str) -> Writer:
 @pytest.mark.timeout(1200)
 @pytest.mark.parametrize(("name", "times"), [*mostly_nightly([(name, 3) for name in KNOWN], ()), ("replay shards", 1)])
 def test_a_killed_process_leaves_files_that_open_and_go_on(tmp_path: Path, name: str, times: int) -> None:
-    """Fifty kills together by night, not all of them after the command has ended."""
     statuses = Trial(writer_of(name), tmp_path).kill(times)
     assert times == 1 or any(statuses)
 
@@ -63,7 +62,6 @@ CARELESS = """timeit -n 1 -r 1 -s "import time; file = open('{out}', 'w', 1)"
 
 @pytest.mark.nightly
 def test_what_is_written_carelessly_is_found_out(tmp_path: Path) -> None:
-    """In place, line by line."""
     with pytest.raises(AssertionError, match="careless, killed at"):
         Trial(Writer("careless", CARELESS, "a.txt", same_bytes), tmp_path).kill(6)
 
@@ -98,7 +96,6 @@ MOMENTS = [
 
 @pytest.mark.parametrize(("name", "moment"), mostly_nightly(MOMENTS, ("plot", "frames folder")), ids=str)
 def test_ctrl_c_is_one_line_and_status_130(tmp_path: Path, name: str, moment: Moment) -> None:
-    """While libraries load, at its first file operations and at work; no temporary file is left."""
     writer = writer_of(name)
     writer.prepare(tmp_path)
     outcome = run(writer, tmp_path, moment)

@@ -60,7 +60,6 @@ READERS: dict[str, tuple[Callable[[Path], object], int]] = {  # and bytes of a f
 
 @pytest.mark.parametrize("name", READERS)
 def test_a_file_has_a_limit(tmp_path: Path, name: str) -> None:
-    """They are sparse: no disk is filled."""
     read, size = READERS[name]
     path = tmp_path / "given"
     path.touch()
@@ -139,7 +138,6 @@ def test_text_is_read_as_python_reads_it(tmp_path: Path) -> None:
 
 
 def test_what_an_xz_file_holds_has_a_limit(tmp_path: Path) -> None:
-    """A thousand times as much as the file has bytes."""
     (tmp_path / "a.xz").write_bytes(lzma.compress(bytes(2**20)))
     assert limited_read.read_xz(tmp_path / "a.xz", 2**20) == bytes(2**20)
     with pytest.raises(ValueError, match="it holds more than 1,048,575 bytes"):

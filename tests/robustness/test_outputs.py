@@ -11,37 +11,23 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast import levels
 from outlast.envs.cli import main as cli
 from outlast.envs.cli.options import Output
 from outlast.envs.errors import RecordingError, UsageError
 from outlast.envs.rendering.video import write_film
 from outlast.envs.rollout import table_file
-from outlast.envs.scenarios.floor_plan import FloorPlan
 from outlast.envs.storage import atomic_write
 from outlast.envs.storage.outputs import check_file, check_folder
 from tests.conftest import run
 
 WRITTEN = {"out", "keep", "html", "data", "events", "csv", "json", "record", "save_scenario"}
-SHORT = ("--worlds=2", "--steps=5", "--quiet")
-SMALL = ("--size=64", "--quiet")
-COMMANDS: dict[str, dict[str, str]] = {  # the outputs of commands, by option
-    "rollout ffa_1 --worlds=2 --steps=5 --quiet": {
-        "--record": "a.rec",
-        "--csv": "a.csv",
-        "--events": "b.csv",
-        "--json": "a.json",
-        "--save-scenario": "b.json",
-    },
-    "replay {folder}/given.rec --quiet --size=64": {
-        "--out": "a.apng",
-        "--html": "a.html",
-        "--data": "a.parquet",
-        "--events": "b.parquet",
-    },
-    "frames ffa_1 --steps=2 --quiet --size=64": {"--out": "pictures", "--save-scenario": "b.json"},
-    "layout maze --size=64": {"--out": "a.png", "--save-scenario": "b.json"},
+OUTPUTS = {  # of commands
+    "rollout ffa_1 --steps=5 --quiet": "record=a.rec csv=a.csv events=b.csv json=a.json save-scenario=b.json",
+    "replay {folder}/given.rec --quiet --size=64": "out=a.apng html=a.html data=a.parquet events=b.parquet",
+    "frames ffa_1 --steps=2 --quiet --size=64": "out=pictures save-scenario=b.json",
+    "layout maze --size=64": "out=a.png save-scenario=b.json",
 }
+COMMANDS = {words: dict(f"--{each}".split("=") for each in outputs.split()) for words, outputs in OUTPUTS.items()}
 CASES = [(command, option) for command, outputs in COMMANDS.items() for option in outputs]
 
 
@@ -59,7 +45,6 @@ def test_every_option_that_names_an_output_is_checked_first(name: str) -> None:
 
 @pytest.mark.parametrize(("command", "option"), CASES)
 def test_a_place_that_cannot_be_leaves_the_others_empty(tmp_path: Path, capsys: Any, command: str, option: str) -> None:
-    """And the command with a place that can be then goes through."""
     pytest.importorskip("pyarrow", reason="needs pyarrow: outlast[data]")
     outlast.rollout("ffa_1", worlds=2, steps=5, record=tmp_path / "given.rec")
     words, outputs = command.format(folder=tmp_path).split(), COMMANDS[command]
@@ -126,12 +111,6 @@ def _pictures(path: Path) -> None:
     write_film(path, [np.zeros((64, 64, 3), np.uint8)] * 2)
 
 
-def _state(path: Path) -> None:
-    with contextlib.closing(outlast.make_vec("ffa_1", 2, seed=0)) as env:
-        env.reset()
-        env.get_state().save(path)
-
-
 def _recorded(option: str) -> Callable[[Path], object]:
     return lambda path: outlast.rollout("ffa_1", worlds=2, steps=5, **{option: path})  # type: ignore[arg-type]
 
@@ -146,17 +125,10 @@ def _replayed(option: str) -> Callable[[Path], object]:
 
 
 WRITERS: dict[str, Callable[[Path], object]] = {
-    "a.apng": _pictures,
     "pictures": _pictures,
     "a.rec": _recorded("record"),
     "a.csv": _recorded("csv"),
-    "events.csv": _recorded("events"),
-    "a.html": _replayed("html"),
     "data": _replayed("data"),
-    "state.npz": _state,
-    "levels.json": lambda path: levels.save(path, outlast.variant("ffa_1"), []),
-    "scenario.json": lambda path: outlast.variant("ffa_1").save(path),
-    "plan.json": lambda path: FloorPlan(walls=[(0, 0, 6, 0.4)]).save(path),
 }
 
 

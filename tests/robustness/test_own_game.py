@@ -12,7 +12,6 @@ from pathlib import Path
 import pytest
 
 pytestmark = pytest.mark.slow
-ROOT = Path(__file__).resolve().parents[2]
 SWAMP = '''"""A swamp."""
 
 from dataclasses import dataclass
@@ -74,28 +73,6 @@ if __name__ == "__main__":
         outcomes.append((status, said.getvalue()))
     print(json.dumps(outcomes))
 """
-CALLS = """
-import gymnasium, outlast
-from gymnasium.vector import AsyncVectorEnv
-
-def one():
-    return gymnasium.make("outlast:outlast/Teams-v1", scenario="bog_game.py:arena")
-
-if __name__ == "__main__":
-    game = "bog_game.py:arena"
-    env = AsyncVectorEnv([one, one], context="spawn")
-    env.reset(seed=0)
-    env.close()
-    summary = outlast.rollout(game, "random", worlds=2, seed=1, record="calls.rec", csv="calls.csv")
-    film = outlast.film(game, "film.apng", steps=3, size=64)
-    page = outlast.replay_page("calls.rec", "page.html", quiet=True)
-    trained = outlast.train(game, steps=128, seed=7, worlds=4, rollout=128, quiet=True, swamp_drag=0.5)
-    evaluation = outlast.evaluate(game, [trained.policy, "random"], episodes=4, worlds=2, quiet=True)
-    figures = outlast.plot([trained.folder], "calls")
-    drawn = "drawn" if figures else "nothing"
-    policies = len(evaluation.chosen)
-    print(f"{summary.episodes} episodes, {film.name}, {page.name}, {trained.folder.name}, {policies} policies, {drawn}")
-"""
 
 
 @pytest.fixture(scope="module")
@@ -127,7 +104,6 @@ def in_turn(folder: Path, commands: Sequence[Sequence[str]]) -> list[tuple[int, 
 
 @pytest.mark.nightly
 def test_every_command_takes_it(folder: Path) -> None:
-    """In the order in which somebody would: look, play, record, replay, train, compare."""
     pytest.importorskip("torch", reason="needs PyTorch: outlast[train]")
     name, quiet = "bog_game.py:arena", "--quiet"
     small = ("--worlds", "2", quiet)
@@ -193,15 +169,7 @@ def test_it_is_played_in_a_browser(folder: Path, words: Sequence[str]) -> None:
 
 
 @pytest.mark.nightly
-def test_python_does_in_one_call_each_what_commands_do(folder: Path) -> None:
-    pytest.importorskip("torch", reason="needs PyTorch: outlast[train]")
-    (folder / "calls.py").write_text(CALLS)
-    assert run(folder, "calls.py").endswith("2 episodes, film.apng, page.html, bog-fast-7, 2 policies, drawn\n")
-
-
-@pytest.mark.nightly
 def test_a_package_offers_it(folder: Path, tmp_path: Path) -> None:
-    """Installed where nothing else is: listed, in every command, and in the registries."""
     project, target = tmp_path / "project", tmp_path / "site"
     project.mkdir()
     (project / "pyproject.toml").write_text(PROJECT)

@@ -92,7 +92,6 @@ def used(**options: Any) -> SurvivalVectorEnv:
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork here")
 def test_a_fork_goes_on_with_the_environment() -> None:
-    """Also with send and recv; without effect on this process."""
     env = used()
 
     def sending() -> str:
@@ -125,7 +124,6 @@ def test_a_fork_does_not_wait_for_a_step_that_it_did_not_send() -> None:
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.by_day(1)
 def test_what_makes_an_environment_can_be_pickled(method: str) -> None:
-    """A variant by its name, or a scenario; and the state to continue from."""
     env = used()
     makers = [functools.partial(outlast.make_vec, each, WORLDS, seed=9) for each in ("ffa_1", env.scenario)]
     state, picklers = env.get_state(), (pickle, cloudpickle)
@@ -167,20 +165,10 @@ def test_gymnasium_spreads_single_environments_over_processes(method: str) -> No
 
 
 def test_environments_in_several_threads() -> None:
-    """Each thread steps environments of its own, all at the same time, some of them with threads of their own."""
     seeds = list(range(5, 13))
     expected = [play(seed) for seed in seeds]
     with ThreadPoolExecutor(8) as pool:
         assert list(pool.map(play, seeds, [1, 2, 1, 3] * 2)) == expected
-
-
-def test_one_environment_from_changing_threads() -> None:
-    env, rng = outlast.make_vec("ffa_1", WORLDS, seed=3, threads=2), np.random.default_rng(3)
-    env.reset()
-    for _ in range(STEPS):
-        with ThreadPoolExecutor(1) as pool:
-            pool.submit(env.step, draw_actions(env, rng)).result()
-    assert digest(env.worlds) == play(3)
 
 
 def test_while_a_thread_is_in_a_call_no_other_call_is_let_in() -> None:

@@ -118,7 +118,6 @@ def test_a_process_that_is_started_ignores_a_signal_until_it_handles_it() -> Non
 
 
 def test_sigterm_stops_what_ignores_ctrl_c() -> None:
-    """As a shell's background commands do."""
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     with stops_as_ctrl_c() as came:
         signal.raise_signal(signal.SIGINT)

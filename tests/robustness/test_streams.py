@@ -146,8 +146,6 @@ SMALL = ("--size=64", "--every=5")
         (("rollout", "ffa_1", "--worlds=2", "--steps=20"), "40 of 40 world-steps"),
         (("frames", "ffa_1", "--steps=20", *SMALL, "--out={folder}/pictures"), "5 of 5 frames"),
         (("replay", "{folder}/a.rec"), "21 of 21 ticks"),
-        (("replay", "{folder}/a.rec", "--events={folder}/a.csv"), "21 of 21 ticks"),
-        (("replay", "{folder}/a.rec", "--data={folder}/a"), "21 of 21 ticks"),
         (("replay", "{folder}/a.rec", "--html={folder}/a.html"), "21 of 21 ticks"),
         (("replay", "{folder}/a.rec", *SMALL, "--out={folder}/a.apng"), "5 of 5 frames"),
     ],
