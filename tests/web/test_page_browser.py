@@ -107,14 +107,9 @@ def test_a_ring_and_a_line_are_drawn_where_looks_name_columns(look: Any, tmp_pat
 
 
 def test_a_game_without_hit_points_and_bags_shows_none(look: Any, tmp_path: Path) -> None:
-    parts = (
-        systems.Agents(count=2),
-        systems.FreeForAll(),
-        systems.Room(size=8.0),
-        systems.SpawnGrid(),
-        systems.Steering(),
-    )
-    game = outlast.Scenario("walk", (*parts, systems.Physics(), systems.Rewards(), systems.Ending("never", 9)))
+    names = ["FreeForAll", "SpawnGrid", "Steering", "Physics", "Rewards"]
+    parts = systems.Agents(count=2), systems.Room(size=8.0), systems.Ending("never", 9)
+    game = outlast.Scenario("walk", (*parts, *(getattr(systems, name)() for name in names)))
     env = outlast.make_vec(game, 1, seed=0)
     write_page(tmp_path / "page.html", env.worlds, (env.reset() and 0 for _ in range(1)), [0], title="")
     screen = look(tmp_path / "page.html")
