@@ -106,14 +106,8 @@ def suites(quick: bool, nightly: bool) -> list[Stage]:
 def check(stage: Stage) -> Result:
     """Run a stage; its output is shown only if it fails."""
     start = time.perf_counter()
-    done = subprocess.run(
-        [sys.executable, *stage.arguments],
-        cwd=ROOT,
-        env=stage.environment,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    )
+    streams = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
+    done = subprocess.run([sys.executable, *stage.arguments], cwd=ROOT, env=stage.environment, text=True, **streams)
     if done.returncode:
         print(done.stdout.rstrip(), flush=True)
     return Result(stage.name, done.returncode == 0, time.perf_counter() - start)
@@ -180,12 +174,6 @@ def other_tree() -> str:
     return f"outlast is {f'imported from {found.origin}' if found else 'not installed'}, not from {ROOT}"
 
 
-def split_arguments(arguments: list[str]) -> tuple[list[str], list[str]]:
-    """The arguments before `--`, and those after it, for pytest."""
-    end = arguments.index("--") if "--" in arguments else len(arguments)
-    return arguments[:end], arguments[end + 1 :]
-
-
 def summary(results: list[Result], types: bool) -> int:
     """Print what failed, the number of tests and what was left out; return the exit code. types: whether mypy ran."""
     total = sum((result.tests for result in results), Counter())
@@ -203,7 +191,8 @@ def summary(results: list[Result], types: bool) -> int:
 
 
 def main() -> int:
-    own, for_pytest = split_arguments(sys.argv[1:])
+    words = [*sys.argv[1:], "--"]
+    own, for_pytest = words[: words.index("--")], words[words.index("--") + 1 : -1]
     parser = ArgumentParser("python -m tests", description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("--quick", action="store_true", help="run the linters, mypy and the fast tests, compiled")
     parser.add_argument("--nightly", action="store_true", help="run only what is left out by day")

@@ -125,19 +125,16 @@ def write(found: dict[str, dict[str, str]]) -> None:
 
 
 def main(arguments: list[str]) -> int:
-    parser = argparse.ArgumentParser(
-        "python -m tests.digests", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    form: Any = {"description": __doc__, "formatter_class": argparse.RawDescriptionHelpFormatter}
+    parser = argparse.ArgumentParser("python -m tests.digests", **form)
     parser.add_argument("variants", nargs="*", metavar="VARIANT", help="variants to play (default: all)")
     parser.add_argument("--ticks", type=int, default=MARKS[-1], help="ticks to play (default %(default)s)")
     parser.add_argument("--threads", type=int, default=1, help="threads that share the worlds (default %(default)s)")
-    parser.add_argument(
-        "--write", action="store_true", help="add the digests to the file; none that is there is changed"
-    )
+    text = "add the digests to the file; none that is there is changed"
+    parser.add_argument("--write", action="store_true", help=text)
     options = parser.parse_args(arguments)
-    found = {
-        name: behaviour_digests(name, options.ticks, threads=options.threads) for name in options.variants or VARIANTS
-    }
+    names = options.variants or VARIANTS
+    found = {name: behaviour_digests(name, options.ticks, threads=options.threads) for name in names}
     if not options.write:
         print(json.dumps(found, indent=1))
         return 0

@@ -131,10 +131,8 @@ def numbers_stub() -> str:
     types = {name: NUMBERS.get(item.type, "Sequence[float]") for name, item in found.items()}
     types |= {f"n_{name.removesuffix('_count')}": "float" for name in found if name.endswith("_count")}
     lines = "".join(f"    {name}: {types[name]}\n" for name in sorted(types))
-    head = (
-        "from collections.abc import Sequence\nfrom typing import TypedDict\n\nclass Numbers(TypedDict, total=False):\n"
-    )
-    return head + lines
+    imports = "from collections.abc import Sequence\nfrom typing import TypedDict\n"
+    return f"{imports}\nclass Numbers(TypedDict, total=False):\n{lines}"
 
 
 def places() -> dict[str, list[str]]:

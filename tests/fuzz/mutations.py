@@ -9,7 +9,7 @@ import tracemalloc
 import warnings
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from random import Random
 from typing import Any
 
@@ -43,45 +43,24 @@ def memory_limit(limit: int) -> Iterator[None]:
 def mutated(content: bytes, rng: Random) -> bytes:
     """A few random changes of bytes."""
     for _ in range(rng.choice((1, 1, 1, 2, 4))):
-        content = rng.choice(EDITS)(content, rng)
+        at, few = _position(content, rng), rng.choice((1, 4, 40, 400))
+        match rng.randrange(7):
+            case 0 if content:
+                content = _overwrite(content, at, bytes([content[at] ^ 1 << rng.randrange(8)]))
+            case 1:
+                content = _overwrite(content, at, bytes([rng.choice((0, 1, 127, 128, 255, rng.randrange(256)))]))
+            case 2:
+                size, order = rng.choice((2, 4, 8)), rng.choice(("little", "little", "big"))
+                content = _overwrite(content, at, (rng.choice(INTEGERS) % 256**size).to_bytes(size, order))
+            case 3:
+                content = content[:at]
+            case 4:
+                content = content[:at] + content[at + few :]
+            case 5:
+                content = content[:at] + content[at : at + rng.choice((few, len(content)))] + content[at:]
+            case _:
+                content = content[:at] + rng.randbytes(rng.choice((1, 2, 8, 64, 1000))) + content[at:]
     return content
-
-
-def _flip(content: bytes, rng: Random) -> bytes:
-    at = _position(content, rng)
-    return _overwrite(content, at, bytes([content[at] ^ 1 << rng.randrange(8)])) if content else b"x"
-
-
-def _byte(content: bytes, rng: Random) -> bytes:
-    return _overwrite(content, _position(content, rng), bytes([rng.choice((0, 1, 127, 128, 255, rng.randrange(256)))]))
-
-
-def _number(content: bytes, rng: Random) -> bytes:
-    size = rng.choice((2, 4, 8))
-    order = rng.choice(("little", "little", "big"))
-    return _overwrite(content, _position(content, rng), (rng.choice(INTEGERS) % 256**size).to_bytes(size, order))
-
-
-def _cut(content: bytes, rng: Random) -> bytes:
-    return content[: _position(content, rng)]
-
-
-def _insert(content: bytes, rng: Random) -> bytes:
-    at, size = _position(content, rng), rng.choice((1, 2, 8, 64, 1000))
-    return content[:at] + rng.randbytes(size) + content[at:]
-
-
-def _double(content: bytes, rng: Random) -> bytes:
-    at, size = _position(content, rng), rng.choice((1, 4, 40, 400, len(content)))
-    return content[:at] + content[at : at + size] + content[at:]
-
-
-def _drop(content: bytes, rng: Random) -> bytes:
-    at = _position(content, rng)
-    return content[:at] + content[at + rng.choice((1, 4, 40, 400)) :]
-
-
-EDITS: tuple[Callable[[bytes, Random], bytes], ...] = (_flip, _byte, _number, _cut, _insert, _double, _drop)
 
 
 def _position(content: bytes, rng: Random) -> int:

@@ -29,6 +29,7 @@ import numpy as np
 
 import outlast
 from outlast import ABLATIONS, VARIANTS, Scenario, components, systems
+from outlast.distributions import choice, integers, uniform
 from outlast.ecs import Archetype, Component, Module, Singleton
 from outlast.errors import OutlastError
 from tests.conftest import COMPILED, digest
@@ -40,15 +41,8 @@ COUNTED = {"agents": (components.Side,), "boxes": (components.Box, components.Bo
 EXCLUSIVE = ("Steering", "Teams", "FreeForAll")  # added in the place of another mechanic
 CAPS = {"count": 9, "cells": 12, "substeps": 4, "slots": 6, "iterations": 12, "rays": 20}  # by the end of the name
 SCALES = (0.1, 0.5, 1.5, 2.0, 10.0)
-GROUPS = (  # of mechanics that can be left out together
-    ("heals",),
-    ("boxes",),
-    ("safe_zone",),
-    ("melee",),
-    ("give_last",),
-    ("death_drop",),
-    ("inventory", "pickup", "give_last", "death_drop", "heals", "boxes"),
-)
+ALONE = ("heals", "boxes", "safe_zone", "melee", "give_last", "death_drop")  # mechanics that can be left out
+GROUPS = (*((name,) for name in ALONE), ("inventory", "pickup", "give_last", "death_drop", "heals", "boxes"))
 
 
 # ---- a scenario
@@ -81,18 +75,13 @@ def _differing(rng: Random, scenario: Scenario) -> Scenario:
     numbers = [each for each in scenario.numbers().items() if not isinstance(each[1], (tuple, str))]
     varied = {name: _drawn(rng, value) for name, value in rng.sample(numbers, min(len(numbers), rng.randrange(4)))}
     if "agents" in scenario and rng.random() < 0.5:
-        varied["agents_count"] = outlast.distributions.integers(2, rng.randrange(3, 6))
+        varied["agents_count"] = integers(2, rng.randrange(3, 6))
     scenario = scenario.vary(**varied)
     if rng.random() < 0.5:
-        able = [
-            f"{module.name}_{item.name}"
-            for module in scenario.modules
-            for item in dataclasses.fields(module)
-            if item.metadata.get("per_agent")
-        ]
-        own = {
-            name: _drawn(rng, scenario.numbers()[name]) for name in rng.sample(able, min(len(able), rng.randrange(4)))
-        }
+        items = [(module.name, item) for module in scenario.modules for item in dataclasses.fields(module)]
+        able = [f"{name}_{item.name}" for name, item in items if item.metadata.get("per_agent")]
+        some = rng.sample(able, min(len(able), rng.randrange(4)))
+        own = {name: _drawn(rng, scenario.numbers()[name]) for name in some}
         roles = {"one": outlast.role(1, **own), "others": outlast.role()}
         scenario = scenario.roles(**roles, drawn=rng.choice(("never", "anyone", "side")))
     return scenario
@@ -101,16 +90,11 @@ def _differing(rng: Random, scenario: Scenario) -> Scenario:
 def _drawn(rng: Random, value: Any) -> Any:
     """What a number could be drawn from."""
     if isinstance(value, bool):
-        return outlast.distributions.choice(True, False)
+        return choice(True, False)
     if isinstance(value, int):
-        return rng.choice(
-            (
-                outlast.distributions.integers(value, value + rng.randrange(1, 4)),
-                outlast.distributions.choice(value, value + 2),
-            )
-        )
+        return rng.choice((integers(value, value + rng.randrange(1, 4)), choice(value, value + 2)))
     low, high = value * rng.uniform(0.5, 1), value * rng.uniform(1, 1.5) + 0.1
-    return rng.choice((outlast.distributions.uniform(low, high), outlast.distributions.choice(low, high)))
+    return rng.choice((uniform(low, high), choice(low, high)))
 
 
 def worlds_of(k: int) -> int:
@@ -158,9 +142,9 @@ def _kinds(rng: Random, scenario: Scenario) -> Module:
         here = {"x": rng.uniform(-9, 9), "y": rng.uniform(-9, 9), "dynamic": rng.randrange(2)}
         here |= {"radius": 0.3, "bound": 0.3, "angle": rng.uniform(-4, 4)}
         parts = rng.sample(lacks, rng.randrange(1, len(lacks) if not has else 3))
-        made = [
-            _part(part, here, rng) for part in parts if part is not components.Polygon or components.Shape not in parts
-        ]
+        if components.Shape in parts and components.Polygon in parts:
+            parts.remove(components.Polygon)
+        made = [_part(part, here, rng) for part in parts]
         order = None if has else rng.choice((0, 10, 60))
         found.append(Archetype(name, tuple(made), count, alive=bool(has) or rng.random() < 0.8, order=order))
         for dim, kinds in COUNTED.items() if rng.random() < 0.9 else ():

@@ -6,7 +6,7 @@ import lzma
 import shutil
 import tempfile
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -33,15 +33,8 @@ from tests.fuzz.worlds import folder_of
 
 SMALL = outlast.variant("teams_3").replace(n_heals=2, n_boxes=2)
 SETTINGS = {"batch_size": 16, "n_epochs": 1, "scale_rewards": True}
-CONFIG = TrainingConfig(
-    *(SMALL, "paper"),
-    worlds=2,
-    rollout=16,
-    threads=1,
-    settings=SETTINGS,
-    opponents={"self": 0.5, "past": 0.5},
-    snapshots=1,
-)
+POOL: dict[str, Any] = {"opponents": {"self": 0.5, "past": 0.5}, "snapshots": 1}
+CONFIG = TrainingConfig(SMALL, "paper", worlds=2, rollout=16, threads=1, settings=SETTINGS, **POOL)
 
 
 def mutated_checkpoint(content: bytes, rng: Random) -> bytes:
@@ -164,10 +157,7 @@ class Results:
         self.folder = folder_of(self)
         rows = [f"{tag},{step},{step * k / 7}\n" for step in range(9, 400, 9) for k, tag in enumerate(TAGS)]
         self.log = ("tag,step,value\n" + "".join(rows)).encode()
-        header = {
-            "version": 1,
-            "scenario": fingerprint(preset("paper").scenario(outlast.variant("teams_3"))),
-        }
+        header = {"version": 1, "scenario": fingerprint(preset("paper").scenario(outlast.variant("teams_3")))}
         self.header = json.dumps(header | CONFIG.header()).encode()
         (self.folder / "log.csv").write_bytes(self.log)
         (self.folder / "run.json").write_bytes(self.header)

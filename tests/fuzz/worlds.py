@@ -15,6 +15,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 import outlast
+from outlast.distributions import choice, integers, uniform
 from outlast.ecs import Worlds
 from outlast.envs.cli.main import main
 from outlast.envs.core.vector_env import SurvivalVectorEnv
@@ -133,23 +134,19 @@ class States:
             column[spot] = np.frombuffer((number % 256**size).to_bytes(size, "little"), column.dtype)[0]
 
 
+VARIED: dict[str, Any] = {
+    "n_agents": integers(2, 4), "n_heals": integers(1, 4), "pillars_count": integers(1, 4),
+    "motors_ahead": uniform(0.1, 0.4), "cameras_cone": choice("sector", "kite"),
+}  # fmt: skip
+
+
 class LevelStates(States):
     """The same of worlds that have other numbers, counts, roles and walls."""
 
     scenario: ClassVar = (
         SMALL.with_(outlast.systems.Pillars(count=4))
-        .vary(
-            n_agents=outlast.distributions.integers(2, 4),
-            n_heals=outlast.distributions.integers(1, 4),
-            pillars_count=outlast.distributions.integers(1, 4),
-            motors_ahead=outlast.distributions.uniform(0.1, 0.4),
-            cameras_cone=outlast.distributions.choice("sector", "kite"),
-        )
-        .roles(
-            hunter=outlast.role(1, cameras_depth=outlast.distributions.uniform(8, 14)),
-            prey=outlast.role(),
-            drawn="anyone",
-        )
+        .vary(**VARIED)
+        .roles(hunter=outlast.role(1, cameras_depth=uniform(8, 14)), prey=outlast.role(), drawn="anyone")
     )
 
 

@@ -21,6 +21,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -130,15 +131,10 @@ def run(writer: Writer, folder: Path, moment: Moment | None = None, limit: int =
     count = 1 if moment.imported else moment.operation
     prelude = ["-c", PRELUDE, str(folder), str(count), str(int(moment.sent)), moment.imported]
     before, start = os.listdir(folder), time.perf_counter()
-    process = subprocess.Popen(
-        [sys.executable, *(["-m"] if moment.seconds else prelude), *command],
-        cwd=ROOT,
-        env=os.environ | variables,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-        preexec_fn=lambda: _prepare(limit),
-    )
+    words = [sys.executable, *(["-m"] if moment.seconds else prelude), *command]
+    streams: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}
+    limited = {"env": os.environ | variables, "preexec_fn": lambda: _prepare(limit)}
+    process = subprocess.Popen(words, cwd=ROOT, **streams, **limited)
     while process.poll() is None and os.listdir(folder) == before and time.perf_counter() - start < TIMEOUT:
         time.sleep(0.002)
     first = time.perf_counter()
