@@ -74,7 +74,7 @@ def test_a_file_that_never_ends_is_not_read_to_its_end() -> None:
         outlast.Scenario.load(Path("/dev/zero"))
 
 
-DEEP = "{" + '"a":[' * 100_000
+DEEP = '{"a":[' * 100_000
 
 
 def _recording(path: Path) -> None:
