@@ -73,14 +73,7 @@ class Progress:
     """
 
     def __init__(
-        self,
-        total: int,
-        unit: str,
-        *,
-        done: int = 0,
-        quiet: bool = False,
-        file: TextIO | None = None,
-        about: str = "",
+        self, total: int, unit: str, *, done: int = 0, quiet: bool = False, file: TextIO | None = None, about: str = ""
     ) -> None:
         """Show that the work begins.
 

@@ -137,10 +137,7 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
         seen, acts, rewards = (Composite(device=device) for _ in range(3))
         for group, own in self._members.items():
             n = len(self.group_map[group])
-            parts = {
-                "observation": _spec(env.single_observation_space, own, device),
-                "mask": _flags((n,), device),
-            }
+            parts = {"observation": _spec(env.single_observation_space, own, device), "mask": _flags((n,), device)}
             if counts_vary(env.worlds):
                 parts["present"] = _flags((n,), device)
             if self._masked:
@@ -223,10 +220,7 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
         """Return new tensors for a step, or a reset, to write into."""
         env = self.vector_env
         rows = env.num_worlds, env.num_agents
-        room = {
-            "observations": env._reader.room(_empty),
-            "state": _empty((env.num_worlds, *env.state_space.shape)),
-        }
+        room = {"observations": env._reader.room(_empty), "state": _empty((env.num_worlds, *env.state_space.shape))}
         if self._masked:
             room["action_mask"] = _empty((*rows, env.action_mask_size), torch.bool)
         return room

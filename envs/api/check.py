@@ -185,13 +185,7 @@ CHECKS: dict[str, Callable[[_Game], str]] = {
 
 
 def _difference(
-    game: _Game,
-    other: Iterator[Moment],
-    how: str,
-    *,
-    start: int = 0,
-    worlds: slice = slice(None),
-    close: float = 0.0,
+    game: _Game, other: Iterator[Moment], how: str, *, start: int = 0, worlds: slice = slice(None), close: float = 0.0
 ) -> str:
     """Describe the first number that differs from the first play; "" if none does. start: the first step of `other`."""
     for step, (was, now) in enumerate(zip(game.first[start:], other, strict=False), start):

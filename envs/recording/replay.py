@@ -79,12 +79,7 @@ class Replay:
         return self.recording._repr_html_()
 
     def ticks(
-        self,
-        verify: bool = True,
-        *,
-        first: int = 0,
-        last: int | None = None,
-        worlds: Iterable[int] | None = None,
+        self, verify: bool = True, *, first: int = 0, last: int | None = None, worlds: Iterable[int] | None = None
     ) -> Iterator[int]:
         """Replay from the beginning, and yield the number of each tick once it is done; tick 0 resets all worlds.
 

@@ -21,17 +21,7 @@ from ..errors import ScenarioError
 from ..storage import strict_json
 from ..storage.atomic_write import atomic_write
 from ..storage.limited_read import read_text
-from .derivation import (
-    all_replaced,
-    as_filename,
-    by_full_name,
-    defaults,
-    following,
-    in_full,
-    leaders,
-    numbers,
-    titles,
-)
+from .derivation import all_replaced, as_filename, by_full_name, defaults, following, in_full, leaders, numbers, titles
 from .scenario_json import added, arguments, as_form
 
 Number = float | str | Sequence[float]  # integers and bools, too: type checkers take them for floats

@@ -33,12 +33,7 @@ SEQUENTIAL_LOCK = transfer(
     Things(crates=4, ramps=0),
     Rooms(columns=3, rows=1, doors=1.0, door=0.5, thickness=0.1),
 )
-BLUEPRINT = transfer(
-    "blueprint",
-    "transfer test: bring crates to two sites",
-    Blueprint(),
-    Things(crates=8, ramps=0),
-)
+BLUEPRINT = transfer("blueprint", "transfer test: bring crates to two sites", Blueprint(), Things(crates=8, ramps=0))
 SHELTER = transfer(
     "shelter",
     "transfer test: shelter a pillar from all sides with crates and planks",

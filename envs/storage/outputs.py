@@ -23,12 +23,7 @@ def written_to(path: str | os.PathLike[str], error: type[Exception], more: str =
 
 
 def check_file(
-    path: str | os.PathLike[str],
-    what: str,
-    error: type[Exception],
-    *,
-    endings: Sequence[str] = (),
-    new: bool = False,
+    path: str | os.PathLike[str], what: str, error: type[Exception], *, endings: Sequence[str] = (), new: bool = False
 ) -> Path:
     """Return the path of a file or folder, after checking that it can be written. Leaves no file there.
 
