@@ -88,31 +88,21 @@ class SurvivalParallelEnv(OneWorldAdapter, ParallelEnv):  # type: ignore[misc]  
         self,
         scenario: Scenario,
         *,
-        render_mode: str | None = None,
-        seed: int | None = None,
-        dead: str = "end",
-        actions: str = "multi",
-        observations: str = "dict",
-        scaled: bool = False,
-        action_masks: bool | str = False,
+        dead: str,
+        render_mode: str | None,
+        actions: str,
+        action_masks: bool | str,
+        **options: Any,
     ) -> None:
         check_choice("render_mode", render_mode, (None, *RENDER_MODES))
         if not isinstance(action_masks, (bool, np.bool_)):
             check_choice("action_masks", action_masks, ("observation",), ", True and False")
-        self._recipe = partial(type(self), scenario, dead=dead, **world_options(locals()))
+        self._recipe = partial(type(self), scenario, dead=dead, **options, **world_options(locals()))
         self._window = Window(rgb.FPS) if render_mode == "human" else None
         self.render_mode, self.dead = render_mode, dead
-        self.base_env = SurvivalVectorEnv(
-            scenario,
-            1,
-            seed=seed,
-            autoreset_mode="Disabled",
-            copy=False,
-            check_actions=False,
-            observations=observations,
-            scaled=scaled,
-        )
-        self.np_random = np.random.default_rng(seed)
+        options |= {"autoreset_mode": "Disabled", "copy": False, "check_actions": False}
+        self.base_env = SurvivalVectorEnv(scenario, 1, **options)
+        self.np_random = np.random.default_rng(options["seed"])
         check_dead(dead, self.base_env.worlds)
         self.metadata = {**METADATA, "name": scenario.name}
         self.possible_agents = [f"agent_{i}" for i in range(self.base_env.num_agents)]

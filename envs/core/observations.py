@@ -39,7 +39,7 @@ class Observations:
         self.kind, self.scaled = kind, bool(scaled)
         found = published(worlds, Observation)
         self.views = {key: read_only(getattr(worlds[component], name)) for key, component, name, _ in found}
-        self.flat_size = _flat_size(self.views)
+        self.flat_size = sum(math.prod(view.shape[2:]) for view in self.views.values())
         ends, fields, scales = bounds(worlds), worlds.layout.fields, list[Scale]()
         self._scales = dict[str, Scale]()
         for key, (low, high) in ends.items():
@@ -94,19 +94,28 @@ class Observations:
         return found
 
     def check(self, out: Any, name: str = "out") -> Any:
-        """Return the caller's memory as numpy arrays, for `write`; name: its name in errors. Raises ValueError."""
+        """Return the caller's memory, by key or flat, as numpy arrays, for `write`. Raises ValueError."""
         self.check_fixed()
-        return _checked(self.views, out, name)
+        if not isinstance(out, Mapping):
+            return writable(name, out, (*next(iter(self.views.values())).shape[:2], self.flat_size))
+        if out.keys() != self.views.keys():
+            raise ValueError(f"{name} has the keys {sorted(out, key=repr)}: {sorted(self.views)} are needed")
+        return {key: writable(f"{name}[{key!r}]", out[key], view.shape) for key, view in self.views.items()}
 
     def write(self, arrays: Any) -> None:
         """Write the present observations, of either kind, into the result of `check`."""
-        _write(self.views, arrays)
-        if not self.scaled:
-            return
         if isinstance(arrays, dict):
-            for key, scale in self._scales.items():
-                scale.apply(arrays[key])
-        else:
+            for key, view in self.views.items():
+                arrays[key][...] = view
+                if self.scaled:
+                    self._scales[key].apply(arrays[key])
+            return
+        start = 0
+        for view in self.views.values():
+            numbers = math.prod(view.shape[2:])
+            arrays[:, :, start : start + numbers] = view.reshape(*view.shape[:2], numbers)
+            start += numbers
+        if self.scaled:
             self._flat.apply(arrays)
 
     def of_agent(self, i: int) -> Any:
@@ -155,34 +164,6 @@ def number_names(key: str, shape: Sequence[int], fields: Mapping[str, Field]) ->
     columns = column_names(fields) or [str(k) for k in range(shape[-1])]
     rows = [".".join(map(str, (key, *index))) for index in np.ndindex(*shape[:-1])]
     return [f"{one}.{column}" for one in rows for column in columns]
-
-
-def _flat_size(observations: Mapping[str, Array]) -> int:
-    """Return the length of the row of one agent that joins all observations in order of their keys."""
-    return sum(math.prod(array.shape[2:]) for array in observations.values())
-
-
-def _write(observations: Mapping[str, Array], arrays: Any) -> None:
-    """Copy observations of shape (worlds, agents, ...) into the result of `_checked`."""
-    if isinstance(arrays, Mapping):
-        for key, array in observations.items():
-            arrays[key][...] = array
-        return
-    start = 0
-    for array in observations.values():
-        numbers = math.prod(array.shape[2:])
-        arrays[:, :, start : start + numbers] = array.reshape(*array.shape[:2], numbers)
-        start += numbers
-
-
-def _checked(observations: Mapping[str, Array], out: Any, name: str = "out") -> Any:
-    """Return `out`, memory for observations by key or flat, as numpy arrays; see `writable`. Raises ValueError."""
-    if not isinstance(out, Mapping):
-        worlds, agents = next(iter(observations.values())).shape[:2]
-        return writable(name, out, (worlds, agents, _flat_size(observations)))
-    if out.keys() != observations.keys():
-        raise ValueError(f"{name} has the keys {sorted(out, key=repr)}: {sorted(observations)} are needed")
-    return {key: writable(f"{name}[{key!r}]", out[key], array.shape) for key, array in observations.items()}
 
 
 def writable(name: str, given: Any, shape: tuple[int, ...], dtype: Any = np.float32) -> Array:

@@ -1,9 +1,7 @@
 """Datasets: the samples of a recording in files for other programs; this module itself writes folders of .npz files."""
 
-import contextlib
 import json
 import zipfile
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +10,11 @@ import numpy as np
 from ..errors import RecordingError
 from ..recording import Replay
 from ..storage.atomic_write import atomic_write
-from ..storage.outputs import check_file
+from ..storage.outputs import check_file, written_to
 from .samples import Selection, manifest, read_shards
 
 MINARI = "minari:"
+NOTHING = "; no dataset was written"
 
 
 def export_dataset(path: str, replay: Replay, selection: Selection, flat: bool = False) -> int:
@@ -27,7 +26,7 @@ def export_dataset(path: str, replay: Replay, selection: Selection, flat: bool =
     """
     check_new(path)
     target = Path(path)
-    with _said_of(path):
+    with written_to(path, RecordingError, NOTHING):
         if path.startswith(MINARI):
             from .minari import export_minari  # imported here, since its library is optional
 
@@ -46,7 +45,7 @@ def check_new(path: str) -> None:
         RecordingError: A dataset of that name exists, the name is not possible, or a library is missing.
     """
     target = Path(path)
-    with _said_of(path):
+    with written_to(path, RecordingError, NOTHING):
         if path.startswith(MINARI):
             from .minari import new_place
 
@@ -60,18 +59,6 @@ def check_new(path: str) -> None:
             check_file(target, "datasets", RecordingError, new=True)
             if target.suffix == ".parquet":
                 from . import parquet  # noqa: F401  # for the error if a library is missing
-
-
-@contextlib.contextmanager
-def _said_of(path: str) -> Iterator[None]:
-    """Turn errors of disks into RecordingErrors."""
-    try:
-        yield
-    except FileExistsError as error:  # another process has written it, see atomic_write
-        raise RecordingError(f"{path} exists, {error.strerror}") from error
-    except OSError as error:
-        place = f"{path} ({error.filename})" if path.startswith(MINARI) and error.filename else path
-        raise RecordingError(f"{place}: {error.strerror or error}; no dataset was written") from error
 
 
 def _export_npz(target: Path, replay: Replay, selection: Selection) -> int:

@@ -24,7 +24,7 @@ from ..levels import Level, decoded, encoded
 from ..recording import Replay
 from ..scenarios.fingerprint import rebuilt
 from ..storage import atomic_write
-from ..storage.outputs import check_folder
+from ..storage.outputs import check_folder, written_to
 from .samples import DatasetSamples, Selection, concatenate, manifest, read_samples
 
 with needed("data", "Minari datasets need Minari", RecordingError):
@@ -47,7 +47,8 @@ def new_place(name: str) -> Path:
             f"{name!r} is not a name of a Minari dataset: NAME-v0 is needed, or SPACE/NAME-v0 with two or more letters "
             "in SPACE"
         ) from None
-    place = Path(get_dataset_path(name))
+    with written_to(os.environ.get(ROOT, name), RecordingError, "; no dataset was written"):
+        place = Path(get_dataset_path(name))
     if place.exists():
         raise RecordingError(f"there is a Minari dataset {name}; give another name, or `minari delete {name}`")
     check_folder(place.parent, RecordingError)
@@ -90,13 +91,9 @@ def export_minari(name: str, replay: Replay, selection: Selection) -> int:
 def recovered(game: dict[str, Any], mechanics: list[str], **options: Any) -> gymnasium.Env[Any, Any]:
     """Return the environment of a dataset: one agent of the recorded scenario, as in `gymnasium.make("outlast/...")`.
 
-    Args:
-        game: The scenario, as described in recordings.
-        mechanics: The full names of the classes of its mechanics.
-        options: Arguments of `SurvivalEnv` given to `recover_environment`: others="scripted", render_mode="ansi".
-
-    Raises:
-        ScenarioError: The scenario has mechanics that cannot be imported here.
+    game, mechanics: The scenario, and the full names of the classes of its mechanics, as in recordings. options: Those
+    of `SurvivalEnv` given to `recover_environment`: others="scripted", render_mode="ansi". Raises ScenarioError if the
+    scenario has mechanics that cannot be imported here.
     """
     return RecordedEnv(rebuilt(game, mechanics), **options)
 
