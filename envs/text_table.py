@@ -32,11 +32,7 @@ def text_table(rows: Iterable[Row], head: Row = (), *, left: int | None = None, 
     Columns of words are wrapped, or the last one is written below its row. Columns of numbers that have no room are
     written in further tables below, each with the columns of words.
 
-    Args:
-        rows: The cells of each row.
-        head: The heads of the columns.
-        left: How many columns are words, on the left; those after them are numbers. None: all.
-        width: The characters in a line, see `terminal_width`; None: as many as needed.
+    left: How many columns are words, on the left; those after them are numbers. None: all. width: See `terminal_width`.
     """
     lines = [*([head] if head else []), *rows]
     if not lines:
@@ -78,7 +74,8 @@ def _wrapped(lines: Sequence[Row], widths: Sequence[int], width: int) -> Iterato
 
 def _shrunk(widths: Sequence[int], lines: Sequence[Row], width: int) -> list[int]:
     """Return widths that fit, as far as the longest words allow: the widest columns give way first, names never."""
-    least = [max(map(_longest, cells)) for cells in zip(*lines, strict=True)]
+    split = _Wrapper.wordsep_simple_re.split  # into parts that cannot be broken
+    least = [max(len(part) for cell in cells for part in split(cell)) for cells in zip(*lines, strict=True)]
     shrunk = list(widths)
     while _length(shrunk) > width and (wide := [k for k, size in enumerate(shrunk) if k and size > max(1, least[k])]):
         shrunk[max(wide, key=lambda k: shrunk[k])] -= 1
@@ -93,11 +90,6 @@ class _Wrapper(textwrap.TextWrapper):
     def __init__(self, width: int, indent: str = "") -> None:
         super().__init__(max(width, len(indent) + 1), initial_indent=indent, subsequent_indent=indent)
         self.break_long_words = self.break_on_hyphens = False
-
-
-def _longest(cell: str) -> int:
-    """Return the length of the longest part of a cell that cannot be broken."""
-    return max(map(len, _Wrapper.wordsep_simple_re.split(cell)))
 
 
 def _length(widths: Sequence[int]) -> int:

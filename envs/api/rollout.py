@@ -122,7 +122,10 @@ def rollout(
         KeyboardInterrupt: After Ctrl-C, with the summary so far as its argument; files of events and episodes contain
             everything up to then.
     """
-    _check_counts(steps=(steps, 0), worlds=(worlds, 1), episodes=(episodes, 1), threads=(threads, 1), seed=(seed, 0))
+    counts = {"steps": (steps, 0), "worlds": (worlds, 1), "episodes": (episodes, 1), "threads": (threads, 1)}
+    for name, (count, least) in (counts | {"seed": (seed, 0)}).items():
+        if count is not None:
+            check_count(name, count, least)
     if steps and episodes is not None:
         raise UsageError("rollout: steps and episodes exclude each other; give one of them")
     check_files(record, record_policy, events, csv)
@@ -284,13 +287,6 @@ def _all_of(functions: Sequence[Callable[..., None]]) -> Callable[..., None]:
             each(*arguments)
 
     return call
-
-
-def _check_counts(**counts: tuple[Any, int]) -> None:
-    """Raise ValueError for a count that is neither None nor an integer of at least its minimum."""
-    for name, (value, least) in counts.items():
-        if value is not None:
-            check_count(name, value, least)
 
 
 def check_files(record: File | None, record_policy: bool, events: File | None, csv: File | None) -> None:

@@ -36,7 +36,10 @@ class Parser(argparse.ArgumentParser):
             self.set_defaults(run=run)
         self.examples = tuple(examples)
         if examples:
-            self.epilog = "\n".join(["examples:", *self._aligned(), *(["", self.epilog] if self.epilog else [])])
+            program = self.prog.rpartition(" ")[0]
+            # lines that help leaves as they are; each sentence stands above its command
+            lines = [line for text, about in examples for line in (f"  # {about}", f"  {program} {text}")]
+            self.epilog = "\n".join(["examples:", *lines, *(["", self.epilog] if self.epilog else [])])
 
     def group(self, title: str) -> Any:
         """Return the group of options of that title, made when it is first asked for."""
@@ -96,11 +99,6 @@ class Parser(argparse.ArgumentParser):
             formatter.end_section()
         formatter.add_text(self.epilog)
         return formatter.format_help()
-
-    def _aligned(self) -> list[str]:
-        """Return lines of examples, which help leaves as they are; each sentence stands above its command."""
-        program = self.prog.rpartition(" ")[0]
-        return [line for text, about in self.examples for line in (f"  # {about}", f"  {program} {text}")]
 
     def _usage(self) -> str:
         formatter, words = self._get_formatter(), [self.prog]

@@ -1,6 +1,7 @@
 """outlast new: write a small game of one's own, to begin with."""
 
 import argparse
+import functools
 import importlib.util
 import keyword
 from pathlib import Path
@@ -32,10 +33,6 @@ def add(commands: Any) -> None:
     command.group(OUTPUT).add_argument("path", type=_file, metavar="NAME", help=text)
 
 
-def _check(path: str) -> None:
-    check_file(path, "games", ScenarioError, new=True)
-
-
 def _file(text: str) -> str:
     """Return the file of a game of that name."""
     if not text.isidentifier() or keyword.iskeyword(text) or text != text.lower():
@@ -44,7 +41,7 @@ def _file(text: str) -> str:
         raise argparse.ArgumentTypeError(
             f"{text}: {_class_of(text)} has another meaning in the game; choose another one"
         )
-    path = output(_check)(f"{text}.py")
+    path = output(functools.partial(check_file, what="games", error=ScenarioError, new=True))(f"{text}.py")
     if not Path(path).exists() and importlib.util.find_spec(text) is not None:
         raise argparse.ArgumentTypeError(f"{text}: there is a module of that name already; choose another one")
     return path

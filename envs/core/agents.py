@@ -81,16 +81,10 @@ def side(worlds: Worlds, where: Any = slice(None)) -> Array:
 
 
 def agent_statistics(worlds: Worlds, statistics: Mapping[str, Array], agents: slice = slice(None)) -> dict[str, Array]:
-    """Return each agent's share of the statistics of episodes.
+    """Return each agent's share of what `spaces.statistics` returned, or of info["statistics"].
 
-    Args:
-        worlds: The worlds that the statistics belong to.
-        statistics: What `spaces.statistics` returned, or info["statistics"]: (worlds,) or (worlds, n).
-        agents: Which agents of a world to return.
-
-    Returns:
-        By key, (worlds, agents): the agent's own entry if there is one per agent, its side's if there is one per side,
-        and its world's otherwise; 0 for absent agents.
+    That is by key, (worlds, agents): the agent's own entry if there is one per agent, its side's if there is one per
+    side, and its world's otherwise; 0 for absent agents. agents: Which agents of a world to return.
     """
     known, sides, own = statistic_dims(worlds), side(worlds)[:, agents], dict[str, Array]()
     absent = sides < 0

@@ -168,8 +168,9 @@ def _first(bad: Array, actions: Array, who: str, keys: Sequence[str]) -> tuple[s
 
 
 def joined(tables: Sequence[Mapping[str, Any]]) -> dict[str, Array]:
-    """Concatenate tables, arrays by name, that have the same names; {} without any."""
-    return {name: np.concatenate([table[name] for table in tables]) for name in (tables[0] if tables else ())}
+    """Concatenate tables, arrays by name, masked or not, that have the same names; {} without any."""
+    masked = {name: isinstance(array, np.ma.MaskedArray) for name, array in (tables[0] if tables else {}).items()}
+    return {name: (np.ma if m else np).concatenate([each[name] for each in tables]) for name, m in masked.items()}
 
 
 def as_array(value: Any) -> Array:

@@ -138,7 +138,7 @@ class SurvivalVectorEnv(Pictured, BatchedSpaces):
         self.single_action_space = self._actions.batched(self.num_agents)
         self._tracker = EpisodeTracker(self.worlds, self.autoreset_mode)
         end = self.worlds[End]
-        self._reward = self.worlds[Reward].reward
+        self._reward, self._varied = self.worlds[Reward].reward, bool(self.worlds.layout.varied)
         self._terminated, self._truncated = end.terminated[:, 0], end.truncated[:, 0]
         self._step_events = StepEvents(self.worlds)
         self._stops: Stops | None = None
@@ -550,14 +550,6 @@ class SurvivalVectorEnv(Pictured, BatchedSpaces):
         return Presence(self.worlds)
 
     @cached_property
-    def _varied(self) -> bool:
-        return bool(self.worlds.layout.varied)
-
-    @cached_property
-    def _roles(self) -> bool:
-        return AgentRoles in self.worlds
-
-    @cached_property
     def _global_state(self) -> GlobalState:
         return GlobalState(self.worlds, self._reader.scaled)
 
@@ -576,7 +568,7 @@ class SurvivalVectorEnv(Pictured, BatchedSpaces):
             info["action_mask"] = self._actions.masks().view(np.int8)  # the type that Gymnasium's Space.sample takes
         if self._varied:
             info["numbers"] = self.worlds.numbers()
-        if self._roles:
+        if AgentRoles in self.worlds:
             info["roles"] = np.where(info.get("present", True), self.worlds[AgentRoles].role, np.int32(-1))
         return info
 

@@ -57,10 +57,7 @@ def observation_text(observation: Mapping[str, Array], fields: Fields, roles: Se
     Rows with a place are counted; other observations, and fields of agents, are written if they are short. Velocities
     and the outlines of boxes are left out.
 
-    Args:
-        observation: What one agent observes, float32 arrays by key.
-        fields: The fields of the environment's observations (SurvivalVectorEnv.fields).
-        roles: The names of roles, by number (SurvivalVectorEnv.roles).
+    observation: What one agent observes, float32 arrays by key. fields, roles: Those of SurvivalVectorEnv.
     """
     own = observation["own"]
     living = [name for name in ("health", *MOTION) if name in fields["own"]]

@@ -212,7 +212,11 @@ def snapshot(worlds: Worlds, w: int) -> Json:
         ],
         "objects": [_place(scene, e) | _rest(scene, e, e in alive) for e in bodies.objects],
         "rings": [scene.looked_up(e, "ring") > 0 for e in (*bodies.agents, *bodies.objects) if scene.looks],
-        "lines": [_line(scene, bodies, e) for e in (*bodies.agents, *bodies.objects) if scene.looks],
+        "lines": [
+            bodies.numbers[row] if (row := int(scene.looked_up(e, "line_to"))) >= 0 else -1
+            for e in (*bodies.agents, *bodies.objects)
+            if scene.looks
+        ],
     }
 
 
@@ -263,12 +267,6 @@ def _rest(scene: Scene, e: int, here: bool) -> Json:
 
 def _has_health(scene: Scene, e: int) -> bool:
     return Health in scene and e in scene.rows(Health) and bool(scene.prefab(Health).has_health[e])
-
-
-def _line(scene: Scene, bodies: Bodies, e: int) -> int:
-    """Return the number of the body to which a line goes from the one in row `e`, -1: none."""
-    row = int(scene.looked_up(e, "line_to"))
-    return bodies.numbers[row] if row >= 0 else -1
 
 
 def _owner(scene: Scene, e: int) -> int:
@@ -330,9 +328,11 @@ def events(worlds: Worlds, w: int) -> list[Json]:
     a death the damage type; for an end "terminated", "truncated" or "rule"; for `other` the event in words.
     """
     scene, bodies = Scene(worlds, w), bodies_of(worlds.layout)
-    found = [] if scene[Clock].tick[0] else [{"kind": "start"}]
+    found: list[Json] = [] if scene[Clock].tick[0] else [{"kind": "start"}]
     found += [_use(scene, bodies, event) for event in scene.events(ItemUsed)]
-    found += [_break(bodies, event) for event in scene.events(BoxBroken)]
+    for event in scene.events(BoxBroken):
+        by, box = bodies.agent_number(event.by), bodies.object_number(event.box)
+        found.append({"kind": "break", "agent": by, "side": event.side, "object": box})
     found += [_death(scene, bodies, event) for event in scene.events(Death) if bodies.agent_number(event.agent) >= 0]
     found += [*_others(scene, bodies), *_end(scene)]
     return [NONE | event for event in found]
@@ -342,11 +342,6 @@ def _use(scene: Scene, bodies: Bodies, event: Any) -> Json:
     kinds = {"heal": Heal, "place": BoxItem}
     kind = next((kind for kind, component in kinds.items() if event.item in scene.rows(component)), "use")
     return {"kind": kind, "agent": bodies.agent_number(event.agent), "object": bodies.object_number(event.item)}
-
-
-def _break(bodies: Bodies, event: Any) -> Json:
-    by, box = bodies.agent_number(event.by), bodies.object_number(event.box)
-    return {"kind": "break", "agent": by, "side": event.side, "object": box}
 
 
 def _death(scene: Scene, bodies: Bodies, event: Any) -> Json:

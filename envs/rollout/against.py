@@ -28,13 +28,8 @@ class Against:
         policy: The policy on one side.
         counts: How many episodes the policy won, drew and lost against each one of the line-up, int (policies, 3).
 
-    Args:
-        env: The worlds; they restart in the step after the end (NEXT_STEP).
-        policy: The policy for one side. It gets the observations of all agents.
-        others: The line-up for the other sides. It does so, too.
-
-    Raises:
-        UsageError: The game has only one side.
+    Worlds must restart in the step after the end (NEXT_STEP). Policy and line-up get the observations of all agents.
+    Raises UsageError if the game has only one side.
     """
 
     def __init__(self, env: SurvivalVectorEnv, policy: Policy, others: Lineup) -> None:

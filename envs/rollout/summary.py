@@ -96,7 +96,7 @@ class Summary:
         """
         if self.kept is None:
             raise UsageError("the statistics of single episodes were not kept: call outlast.rollout(..., keep=True)")
-        found = {key: _joined([part[key] for part in self.kept]) for key in (self.kept[0] if self.kept else ())}
+        found = joined(self.kept)
         order = np.argsort(found["world"], kind="stable") if found else ()
         return {key: values[order] for key, values in found.items()}
 
@@ -197,11 +197,6 @@ def _mean_and_error(sums: Array, squares: Array, count: int) -> tuple[float, flo
     mean = math.fsum(sums) / count
     spread = max(math.fsum(squares) / count - mean**2, 0)
     return mean, math.sqrt(spread / (count - 1)) if count > 1 else math.nan
-
-
-def _joined(parts: Sequence[Array]) -> Array:
-    """Concatenate arrays, and keep their masks."""
-    return (np.ma if isinstance(parts[0], np.ma.MaskedArray) else np).concatenate(parts)
 
 
 def _finite(value: float) -> float | None:

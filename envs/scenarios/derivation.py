@@ -43,14 +43,9 @@ def in_full(name: str) -> str:
 
 
 def by_full_name(find: Callable[[str], tuple[str, str]], given: Sequence[tuple[str, Any]]) -> dict[str, Any]:
-    """Return given values by the numbers' full names ("agents_count").
+    """Return values that are given by names in any form by the numbers' full names ("agents_count").
 
-    Args:
-        find: Scenario.find_number.
-        given: Names, in any form, and values.
-
-    Raises:
-        NumberError: A number is unknown, or is given twice, such as by two of its names.
+    find: Scenario.find_number. Raises NumberError if a number is unknown or given twice, such as by two of its names.
     """
     found = dict[str, Any]()
     for name, value in given:

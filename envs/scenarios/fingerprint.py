@@ -36,7 +36,10 @@ def fingerprint(scenario: Scenario) -> dict[str, Any]:
     `scenario_json.plain`.
     """
     numbers: dict[str, Any] = json.loads(json.dumps(scenario.numbers()))
-    name, label = (_line(each.name) for each in (scenario.root, scenario))
+    name, label = (
+        "".join(letter if letter.isprintable() else "?" for letter in each.name[:LONGEST])
+        for each in (scenario.root, scenario)
+    )
     users = [module for module in scenario.modules if is_outside(type(module))]
     more = {
         "label": label if label != name else "",
@@ -44,10 +47,6 @@ def fingerprint(scenario: Scenario) -> dict[str, Any]:
         "code": {each.name: [full_name(type(each))[:LONGEST], PYTHON, code_digest(each)] for each in users},
     }
     return {"name": name, "numbers": numbers} | {key: value for key, value in more.items() if value} | plain(scenario)
-
-
-def _line(name: str) -> str:
-    return "".join(letter if letter.isprintable() else "?" for letter in name[:LONGEST])
 
 
 def is_fingerprint(given: Any) -> bool:

@@ -95,15 +95,12 @@ def options_of(make: Callable[..., Any]) -> tuple[str, ...]:
 def resolve(
     scenario: Scenario | str, numbers: Mapping[str, Any] | None = None, options: Iterable[str] = ()
 ) -> Scenario:
-    """Return the scenario that a function was called with, with the numbers that it is to change.
+    """Return the scenario that a function was called with, by its name (see `named`), with these numbers changed.
 
-    Args:
-        scenario: A name (see `named`) or a Scenario.
-        numbers: Numbers to change, as for `Scenario.replace`: what a factory got as `**numbers`.
-        options: Names of the function's own keywords, so that the error for "thread" asks "did you mean threads?".
+    options: Names of the function's own keywords, so that the error for "thread" asks "did you mean threads?".
 
     Raises:
-        ScenarioError: `scenario` is neither, or is unknown.
+        ScenarioError: `scenario` is unknown, or neither a name nor a Scenario.
         KeywordError: The scenario does not have one of the numbers.
         NumberError: A value is out of its range.
     """

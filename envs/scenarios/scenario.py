@@ -399,8 +399,9 @@ class Scenario:
     def __contains__(self, kind: type[Module] | str) -> bool:
         return self._found(kind) is not None
 
-    def _found(self, kind: type[Module] | str) -> Module | None:
-        return next((module for module in self.modules if _is(module, kind)), None)
+    def _found(self, kind: Any) -> Module | None:
+        is_class = isinstance(kind, type)
+        return next((m for m in self.modules if m.name == kind or (is_class and isinstance(m, kind))), None)
 
     def find_number(self, asked: str, options: Iterable[str] = ()) -> tuple[str, str]:
         """Return the module and the number that `replace` changes under this name.
@@ -418,11 +419,6 @@ class Scenario:
     def known_numbers(self) -> list[str]:
         """Return every name that `replace` takes: "melee_damage", "n_agents"."""
         return [*self.numbers(), *(f"n_{m.name}" for m in self.modules if hasattr(m, "count"))]
-
-
-def _is(module: Module, kind: Any) -> bool:
-    """Return whether the module has that name, or is an instance of that class."""
-    return module.name == kind or (isinstance(kind, type) and isinstance(module, kind))
 
 
 def _check_mechanics(scenario: str, modules: Iterable[Any]) -> None:

@@ -104,14 +104,11 @@ def added(form: Mapping[str, Any], modules: Sequence[Module]) -> dict[str, tuple
     for name, pair in form.get("added", {}).items():
         value, leader = pair if isinstance(pair, list) and len(pair) == 2 else (pair, None)
         values = tuple(value) if isinstance(value, list) else (value,)
-        if name not in following or not all(map(_is_finite, (leader, *values))):
+        finite = all(isinstance(each, int | float) and abs(each) < MOST for each in (leader, *values))
+        if name not in following or not finite:
             raise ScenarioError(f"added {name} = {pair!r:.60} is not a number and the one that it follows")
         found[name] = (values if isinstance(value, list) else value), leader
     return found
-
-
-def _is_finite(value: Any) -> bool:
-    return isinstance(value, int | float) and abs(value) < MOST
 
 
 def plain(scenario: Any) -> dict[str, Any]:

@@ -31,11 +31,8 @@ def one_interrupt(seconds: float = math.inf) -> Iterator[list[float]]:
     A second one is usual on clusters, which signal a command and its processes, while the command signals these, too.
     Nothing changes outside of the main thread, where Ctrl-C is ignored, or if the caller's own handler raises nothing.
 
-    Args:
-        seconds: Time after an interrupt in which further ones are ignored.
-
     Yields:
-        That number in a list, in which it can be changed.
+        The time after an interrupt in which further ones are ignored, seconds, in a list, in which it can be changed.
     """
     before: Any = signal.getsignal(signal.SIGINT)
     pause, came = [seconds], list[float]()

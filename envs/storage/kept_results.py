@@ -23,15 +23,9 @@ SECONDS = 30  # that a server may be silent
 
 
 def kept_file(file: str, sha256: str, what: str) -> Path:
-    """Return a file of the results, which has this checksum.
+    """Return a file of the results, by its path there, which has this checksum. what: What errors call it.
 
-    Args:
-        file: Its path in results/.
-        sha256: Its checksum.
-        what: What it is called in errors.
-
-    Raises:
-        UsageError: It cannot be fetched.
+    Raises UsageError if it cannot be fetched.
     """
     folders = [str(RESULTS)] * RESULTS.is_dir() + [HERE] * Path(HERE, file).is_file()
     address = os.environ.get(ADDRESS) or (folders[0] if folders else _published(what))

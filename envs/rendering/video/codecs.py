@@ -135,14 +135,9 @@ def write_gif(path: Path, frames: Iterator[Image], fps: int) -> None:
 
 
 def compress(film: Path, path: Path) -> None:
-    """Write a film anew as small as it may be while all is still clear to see: VP9, by FFmpeg.
+    """Write a film, any but a folder or .apng, as a .webm that is small while all is clear to see: VP9, by FFmpeg.
 
-    Args:
-        film: Any format but a folder or .apng.
-        path: The new film, .webm.
-
-    Raises:
-        FilmError: FFmpeg is not installed, or fails.
+    Raises FilmError if FFmpeg is not installed, or fails.
     """
     _ffmpeg(path, "-i", str(film.absolute()), *VP9)
 
@@ -225,12 +220,9 @@ def _ffmpeg(path: Path, *options: str, frames: Iterable[Image] = ()) -> None:
                 pipe.close()
         if process.returncode:
             output.seek(0)
-            lines = output.read().decode(errors="replace").strip().splitlines() or [_status(process.returncode)]
+            code = process.returncode
+            status = f"status {code}" if code > 0 else f"ended by a signal: {signal.strsignal(-code)}"
+            lines = output.read().decode(errors="replace").strip().splitlines() or [status]
             if os.strerror(errno.ENOSPC) in lines[-1]:
                 raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
             raise FilmError(f"FFmpeg failed: {lines[-1]}")
-
-
-def _status(code: int) -> str:
-    """Describe how a process ended, for one that has written no message."""
-    return f"status {code}" if code > 0 else f"ended by a signal: {signal.strsignal(-code)}"

@@ -20,6 +20,11 @@ SCRIPTS = (*SHARED, "keys.js", "visible.js", "play.js")
 STYLES = (STYLE, "play.css")
 KINDS = {"html": "text/html", "css": "text/css", "js": "text/javascript"}
 CLOSE_TIMEOUT = 2  # seconds that a page has to answer when its websocket is closed
+LOG = logging.getLogger(__name__)
+# keep errors in the session: others come from browsers, which open spare connections and drop them
+LOG.addFilter(lambda record: record.msg == "connection handler failed")
+LIMITS: dict[str, Any] = {"max_size": LONGEST, "max_queue": 16, "close_timeout": CLOSE_TIMEOUT, "logger": LOG}
+LIMITS |= {"compression": None, "server_header": None}
 
 
 async def play(
@@ -57,7 +62,7 @@ async def answering(session: Session, site: Site) -> AsyncIterator[Gate]:
                 return _answered(connection, HTTPStatus.NOT_FOUND, "This file does not exist.\n", **gate.headers())
             return _answered(connection, HTTPStatus.OK, parts[name], KINDS[name.rpartition(".")[2]], **gate.headers())
 
-        async with serve(session.serve_page, sock=listener, process_request=answer, **_limits()):
+        async with serve(session.serve_page, sock=listener, process_request=answer, **LIMITS):
             yield gate
 
 
@@ -68,18 +73,6 @@ def _parts() -> dict[str, str]:
     tags = (f'<script src="{name}"></script>' for name in ("constants.js", *SCRIPTS))
     parts["index.html"] = Template(asset("play", "play.html")).substitute(icon=ICON, scripts="\n".join(tags))
     return parts
-
-
-def _limits() -> dict[str, Any]:
-    log = logging.getLogger(__name__)
-    log.addFilter(_is_handler_error)
-    limits = {"max_size": LONGEST, "max_queue": 16, "close_timeout": CLOSE_TIMEOUT}
-    return limits | {"compression": None, "server_header": None, "logger": log}
-
-
-def _is_handler_error(record: logging.LogRecord) -> bool:
-    """Keep only errors in the session: others come from browsers, which open spare connections and drop them."""
-    return record.msg == "connection handler failed"
 
 
 def _answered(

@@ -37,18 +37,9 @@ class Feed(Protocol):
 
 @contextlib.contextmanager
 def serving(feed: Feed, title: str, site: Site | None = None) -> Iterator[str]:
-    """Serve the page from threads of its own, until the context ends.
+    """Serve the page from threads of its own until the context ends, and yield the address to open.
 
-    Args:
-        feed: The source of what the page shows.
-        title: Title of the page.
-        site: Where it is served; None: at any free port of 127.0.0.1.
-
-    Yields:
-        The address to open.
-
-    Raises:
-        PlayError: The site is not available.
+    site: Where it is served; None: at any free port of 127.0.0.1. Raises PlayError if that is not available.
     """
     # the page's policy lets only its inlined scripts run, and lets them connect to this server only
     page = assemble(title, SCRIPTS, styles=STYLES, connect="'self'", PACKING=PACKING).encode()
