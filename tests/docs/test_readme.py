@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from outlast.envs.scenarios.parse import named
+
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text()
 BLOCKS = re.findall(r"```python\n(.*?)```", README, re.S)
@@ -16,9 +18,18 @@ MOST_WORDS = 900  # a page that is read in a few minutes
 @pytest.mark.parametrize("block", BLOCKS, ids=lambda block: block.strip().splitlines()[-1][:30])
 def test_python_blocks_run(block, tmp_path):
     file = tmp_path / "block.py"
-    file.write_text(block.replace("num_worlds=256", "num_worlds=2").replace("range(300)", "range(3)"))
+    file.write_text(block)
     done = subprocess.run([sys.executable, str(file)], capture_output=True, text=True, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
+    if "lengths" in block:
+        assert re.fullmatch(r"\d+ episodes ended, after \d+\.\d+ steps on average\n", done.stdout)
+
+
+def test_commands_can_take_the_file_of_the_mechanic(tmp_path, monkeypatch):
+    (tmp_path / "swamp.py").write_text(next(block for block in BLOCKS if "class Swamp" in block))
+    assert "outlast play swamp.py" in README
+    monkeypatch.setattr(sys, "path", [*sys.path])
+    assert named(str(tmp_path / "swamp.py"))["swamp"].drag == 0.2
 
 
 def test_the_order_of_an_example_without_after_is_refused_as_shown():
