@@ -330,6 +330,12 @@ def test_a_log_is_waited_for_and_read_again_when_it_has_changed(folder: Path, mo
 outlast_watch = partial(call, command, "--no-browser")
 
 
+def test_a_folder_with_one_run_stands_for_it(tmp_path: Path) -> None:
+    (tmp_path / "b").mkdir()
+    (tmp_path / "b/run.json").touch()
+    assert command._run_in(tmp_path) == command._run_in(tmp_path / "b") == tmp_path / "b"
+
+
 def test_folders_that_are_no_run_are_refused(tmp_path: Path) -> None:
     with pytest.raises(TrainingError, match=r"folder .*nowhere does not exist"):
         outlast_watch(tmp_path / "nowhere")

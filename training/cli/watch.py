@@ -40,8 +40,7 @@ def run(options: argparse.Namespace) -> int:
     from outlast.envs.web.gate import Site, announce
     from outlast.envs.web.replay.server import serving
 
-    folder = options.run_folder
-    _check(folder)
+    folder = _run_in(options.run_folder)
     import_files(options)
     site = Site(options.port, options.host, tuple(options.allow_host))
     name, watcher, stop = printable(str(folder)), RunWatcher(folder), threading.Event()
@@ -62,13 +61,16 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _check(folder: Path) -> None:
-    """Raise TrainingError unless it is the folder of one run. A run need not have a checkpoint yet."""
+def _run_in(folder: Path) -> Path:
+    """Return the folder, or the only run in it. TrainingError if it has several. A run may lack a checkpoint yet."""
     if not folder.is_dir():
         raise TrainingError(f"folder {folder} does not exist: give the folder that `outlast train` printed")
     if not (folder / run_header.NAME).exists() and not any(folder.glob("*.zip")):
         runs = sorted(path.parent for path in folder.glob(f"*/{run_header.NAME}"))
+        if len(runs) == 1:
+            return runs[0]
         if runs:
             more = ", ..." if len(runs) > LISTED else ""
             listed = ", ".join(str(path) for path in runs[:LISTED])
             raise TrainingError(f"{folder} holds several runs; choose one: {listed}{more}")
+    return folder
