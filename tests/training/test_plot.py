@@ -192,9 +192,9 @@ def test_what_is_no_group_of_runs_is_refused(tmp_path: Path) -> None:
     one = folder(tmp_path / "one")
     strong = {"numbers": {"safe_zone_damage": 2}, "seed": 1}
     for name, other, message in (
-        ("a", {"seed": 1, "dead": "drop"}, "dead is keep in .*one but drop in .*a; `outlast plot` compares them"),
-        ("b", {"seed": 1, "settings": {"gamma": 0.9}}, "gamma is 0.99 in .*one but 0.9 in .*b"),
-        ("c", strong, "safe_zone_damage is 1 in .*one but 2 in .*c"),
+        ("a", {"seed": 1, "dead": "drop"}, "differ in dead; `outlast plot` compares them"),
+        ("b", {"seed": 1, "settings": {"gamma": 0.9}}, "of ffa_2, original differ in gamma;"),
+        ("c", strong, "differ in safe_zone_damage;"),
         ("d", {}, "are the same run, or both of seed 0: give one"),
     ):
         refused([one, folder(tmp_path / name, **other)], message)
@@ -324,8 +324,8 @@ def test_what_is_refused_leaves_nothing(tmp_path: Path) -> None:
     mine, before = keep(tmp_path / "one", "ffa_2"), keep(tmp_path / "kept", "ffa_2", dead="drop")
     content, out = (tmp_path / "kept" / curves.FILE).read_bytes(), ("--out", tmp_path / "out")
     for words, message in (
-        ((mine, *out, "--keep", tmp_path / "kept"), "keeps another ffa_2-original-0: dead is drop in .*kept.* but kee"),
-        ((mine, before, *out), "dead is keep in"),
+        ((mine, *out, "--keep", tmp_path / "kept"), "kept keeps a ffa_2-original-0 with another dead: choose"),
+        ((mine, before, *out), "differ in dead"),
         ((mine, "--out", tmp_path / "one" / curves.FILE), "cannot be a folder: .* is a file"),
     ):
         with pytest.raises(TrainingError, match=message):

@@ -65,14 +65,10 @@ def _group(runs: Sequence[Run], values: dict[str, str]) -> RunGroup:
     ordered = sorted(runs, key=lambda run: run.seed)
     mixed = unnamed(ordered)
     for one, other in itertools.pairwise(ordered if not mixed else ()):
-        check_seeds(one, other)
+        if one.seed == other.seed:
+            both = f"{one.origin} and {other.origin}"
+            raise TrainingError(f"{both} are the same run, or both of seed {one.seed}: give one")
     return RunGroup(tuple(ordered), values, tuple(mixed))
-
-
-def check_seeds(one: Run, other: Run) -> None:
-    """Raise TrainingError if two runs that differ by seeds at most have the same one."""
-    if one.seed == other.seed:
-        raise TrainingError(f"{one.origin} and {other.origin} are the same run, or both of seed {one.seed}: give one")
 
 
 def differing(runs: Sequence[Run]) -> list[str]:

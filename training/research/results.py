@@ -1,11 +1,11 @@
 """The paper's own learning curves, runs of its variants in groups, and kept results. Does not need PyTorch."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from importlib.resources import as_file, files
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from outlast.envs.errors import ScenarioError
 from outlast.envs.rollout.saved import checkpoints
@@ -16,8 +16,9 @@ from ..base.curves import FILE, Curves, Quantity, format_curves, is_known, read_
 from ..base.errors import TrainingError
 from ..base.hyperparameters import Hyperparameters
 from ..base.presets import ROLLOUT
-from ..plots.groups import check_seeds
-from ..plots.runs import ABSENT, Run, kept_runs, load, read_kept, usual_numbers
+from ..plots.groups import differing
+from ..plots.groups import group_runs as groups_of
+from ..plots.runs import ABSENT, PRESET, SCENARIO, Run, kept_runs, load, read_kept, usual_numbers
 
 DIGITS = 4  # of values from logs of runs: kept results are small and look the same
 PAPER_STEPS = 10_000_000  # agent-steps that the authors trained each variant for, rounded up to a full rollout
@@ -45,12 +46,14 @@ def published_curves(variant: str) -> Curves:
 
 @dataclass(frozen=True)
 class PaperRun(Run):
-    """A run of one of the paper's variants, with curves of the paper's quantities and of behaviour.
+    """A run of one of the paper's variants, with curves of the paper's quantities and of behaviour."""
 
-    changed: Numbers of the scenario that differ from the paper's.
-    """
-
-    changed: dict[str, Any] = field(default_factory=dict)
+    @cached_property
+    def changed(self) -> dict[str, Any]:
+        """The numbers of the scenario that differ from the paper's."""
+        usual = usual_numbers(self.scenario, self.plan[PRESET])
+        names = sorted(self.numbers.keys() | usual.keys())
+        return {key: its for key in names if (its := self.numbers.get(key, ABSENT)) != usual.get(key, ABSENT)}
 
     @property
     def done(self) -> bool:
@@ -139,39 +142,25 @@ def _of_the_paper(run: Run) -> PaperRun:
         name = variant(run.scenario).name
     except ScenarioError as error:
         raise TrainingError(f"{wrong}: {error}; `outlast plot` compares it") from error
-    own, usual = run.numbers, usual_numbers(name, run.plan["preset"])
-    pairs = {key: (own.get(key, ABSENT), usual.get(key, ABSENT)) for key in sorted(own.keys() | usual.keys())}
-    changed = {key: its for key, (its, other) in pairs.items() if its != other}
     kept = {tag for tag in run.curves.values if is_known(tag) or any(quantity.has(tag) for quantity in SEEN)}
     curves = Curves(run.curves.steps, {tag: values for tag, values in run.curves.values.items() if tag in kept})
     if run.origin.is_dir():
         curves = rounded(curves, DIGITS)
-    return PaperRun(run.origin, name, own, run.plan, curves, asked=run.asked, changed=changed)
+    return PaperRun(run.origin, name, run.numbers, run.plan, curves, asked=run.asked)
 
 
-def group_runs(results: Iterable[PaperRun]) -> list[PaperGroup]:
+def group_runs(runs: Sequence[PaperRun]) -> list[PaperGroup]:
     """Return groups in order of names.
 
     Raises TrainingError if runs of one variant and preset differ in more than seeds.
     """
-    groups: dict[str, list[PaperRun]] = {}
-    for result in results:
-        together = groups.setdefault(f"{result.scenario}-{result.plan['preset']}", [])
-        for other in together:
-            if difference := _difference(other, result):
-                raise TrainingError(f"{difference}; `outlast plot` compares them")
-            check_seeds(other, result)
-        together.append(result)
-    return [PaperGroup(tuple(sorted(runs, key=lambda run: run.seed))) for _, runs in sorted(groups.items())]
-
-
-def _difference(one: PaperRun, other: PaperRun) -> str:
-    """Describe the first setting that differs; empty if none does."""
-    for key in sorted(one.settings.keys() | other.settings.keys()):
-        mine, its = (run.settings.get(key, ABSENT) for run in (one, other))
-        if mine != its:
-            return f"{key} is {mine} in {one.origin} but {its} in {other.origin}"
-    return ""
+    found = groups_of(runs, (SCENARIO, PRESET)) if runs else []
+    for group in found:
+        if group.mixed:
+            raise TrainingError(
+                f"runs of {group.label} differ in {', '.join(group.mixed)}; `outlast plot` compares them"
+            )
+    return [PaperGroup(cast(tuple[PaperRun, ...], group.runs)) for group in found]
 
 
 def files_to_keep(runs: Sequence[PaperRun], folder: Path) -> dict[Path, bytes]:
@@ -193,7 +182,8 @@ def curves_to_keep(runs: Sequence[PaperRun], folder: Path) -> dict[Path, bytes]:
     """
     kept = kept_runs(folder)
     for run in runs:
-        if run.name in kept and (difference := _difference(_of_the_paper(read_kept(folder / run.name)), run)):
-            raise TrainingError(f"{folder} keeps another {run.name}: {difference}: choose another folder with --keep")
+        if run.name in kept and (differ := differing([_of_the_paper(read_kept(folder / run.name)), run])):
+            names = ", ".join(differ)
+            raise TrainingError(f"{folder} keeps a {run.name} with another {names}: choose another folder with --keep")
     kept |= {run.name: (run.about, run.curves) for run in runs}
     return {folder / FILE: format_curves(dict(sorted(kept.items())))}
