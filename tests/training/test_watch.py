@@ -33,7 +33,7 @@ from outlast.envs.scenarios.fingerprint import classes, difference, fingerprint
 from outlast.training.base import policy_file
 from outlast.training.base.errors import TrainingError
 from outlast.training.base.log_file import HEADER, read_log
-from outlast.training.base.run_summary import GROUPS, Figure, headline
+from outlast.training.base.quantities import GROUPS, Figure, headline
 from outlast.training.cli import watch as command
 from outlast.training.runs import film, watch
 from outlast.training.runs.episode import episode, recorded_scenario

@@ -1,5 +1,6 @@
 """log.csv of a run: a row (tag, agent-steps, value) for each logged number. Does not need PyTorch."""
 
+import csv
 from pathlib import Path
 
 from outlast.envs.storage.atomic_write import atomic_write
@@ -36,30 +37,20 @@ def read_log(path: Path) -> Points:
 def _row(path: Path, number: int, line: str) -> tuple[str, int, float]:
     """Return the tag, the step and the value of a line. Raises TrainingError."""
     try:
-        tag, step, value = _fields(line)
+        tag, step, value = next(csv.reader([line]))
         if 0 <= int(step) <= LAST:
             return tag, int(step), float(value)
-    except ValueError:
+    except (ValueError, csv.Error):
         pass
     raise TrainingError(f"{path}, line {number}: {line.strip()!r} is not a tag, a step, a value")
-
-
-def _fields(line: str) -> tuple[str, str, str]:
-    """Return the tag (perhaps quoted), the step and the value of a row. Raises ValueError for another format."""
-    tag, step, value = line.rsplit(",", 2)
-    if tag[:1] == tag[-1:] == '"':  # the module csv quotes a tag that has a comma, such as a path
-        return tag[1:-1].replace('""', '"'), step, value
-    if "," in tag:
-        raise ValueError(line)
-    return tag, step, value
 
 
 def last_step(path: Path) -> int:
     """Return the agent-steps of the last complete row of a log that is being written; 0 without one."""
     try:
         lines = path.read_text(encoding="utf-8").rpartition("\n")[0].splitlines()
-        return int(_fields(lines[-1])[1]) if len(lines) > 1 else 0
-    except (OSError, ValueError, IndexError):
+        return int(next(csv.reader(lines[:0:-1]))[1])
+    except (OSError, ValueError, IndexError, StopIteration, csv.Error):
         return 0
 
 

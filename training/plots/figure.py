@@ -16,7 +16,7 @@ from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
 from ..base.curves import Array, Curves, average
-from ..base.run_summary import RATING
+from ..base.quantities import RATING
 from .comparison import Comparison
 from .groups import RunGroup
 from .panels import drawn, hours

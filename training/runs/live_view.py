@@ -5,7 +5,7 @@ from typing import TextIO
 
 from outlast.envs.progress import Progress
 
-from ..base.run_summary import GROUPS, Figure, headline
+from ..base.quantities import GROUPS, Figure, headline
 
 NAME = max(map(len, GROUPS)) + 2  # width of the name of a line, in characters
 BETWEEN = " · "  # separator of figures

@@ -16,7 +16,7 @@ from outlast.envs.web.replay.write import Recorded, record_ticks
 
 from ..base import log_file
 from ..base.errors import TrainingError
-from ..base.run_summary import headline
+from ..base.quantities import headline
 from .episode import episode
 
 MOST = 5000  # maximum ticks of an episode that are shown
