@@ -129,8 +129,13 @@ def similar(text: str, names: Iterable[str] = ()) -> str:
 
 def checkpoints(folder: Path) -> list[Path]:
     """Return the saved policies in the folder of a run, by their steps. Files with other names are ignored."""
-    found = [(found[1], path) for path in folder.glob("*") if (found := STEPS.fullmatch(path.name))]
-    return [path for _, path in sorted(found, key=lambda each: (int(each[0]), each[1]))]
+    found = (path for path in folder.glob("*") if STEPS.fullmatch(path.name))
+    return sorted(found, key=lambda path: (steps_of(path), path))
+
+
+def steps_of(checkpoint: Path) -> int:
+    """Return the agent-steps in the name of a checkpoint."""
+    return int(checkpoint.stem.removeprefix("steps_"))
 
 
 def runs_in(place: Path) -> list[Path]:

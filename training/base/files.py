@@ -60,11 +60,15 @@ def check_results(paths: Iterable[Path]) -> None:
             check_file(path, "results", TrainingError)
 
 
-def write_files(contents: Mapping[Path, bytes]) -> None:
-    """Write files, each completely or not at all; none if one of them cannot be written. Raises TrainingError."""
+def write_files(contents: Mapping[Path, bytes]) -> list[Path]:
+    """Write files, each completely or not at all; none if one of them cannot be written. Raises TrainingError.
+
+    Returns their paths.
+    """
     check_results(contents)
     for path, content in contents.items():
         with written_to(path, TrainingError):
             path.parent.mkdir(parents=True, exist_ok=True)
             with atomic_write(path) as place:
                 place.write_bytes(content)
+    return list(contents)

@@ -166,7 +166,7 @@ class BehaviourMetrics:
         place = views[OWN][..., columns_of(fields[OWN], "x", "y")]
         if "zone" in views:
             middle = views["zone"][..., columns_of(fields["zone"], "x", "y")]
-            found["zone_distance"] = _length(place - middle), living
+            found["zone_distance"] = np.linalg.norm(place - middle, axis=-1), living
         if "attack" in self.action_names and self._reach:
             attack = actions[..., self.action_names.index("attack")]
             near = self._near(place, self._sides(views), living, self._striking() if reaches is None else reaches)
@@ -188,7 +188,7 @@ class BehaviourMetrics:
     def _near(self, place: Array, sides: Array, living: Array, reaches: Array) -> Array:
         """Return whether a living enemy that an agent faces is in reach: its centre is within `reaches`."""
         enemies = sides[..., :, None] != sides[..., None, :]
-        apart = _length(place[..., :, None, :] - place[..., None, :, :])
+        apart = np.linalg.norm(place[..., :, None, :] - place[..., None, :, :], axis=-1)
         return ((apart <= reaches) & enemies & living[..., None, :]).any(-1)
 
 
@@ -258,7 +258,3 @@ def _reach(scenario: Scenario) -> tuple[str, ...]:
     if Melee not in scenario or Agents not in scenario:
         return ()
     return f"{scenario[Melee].name}_reach", f"{scenario[Agents].name}_radius"
-
-
-def _length(vectors: Array) -> Array:
-    return np.sqrt((vectors * vectors).sum(-1))

@@ -112,10 +112,9 @@ def _opened(path: Path) -> tuple[str, dict[str, Array]]:
 
 def tensors_content(tensors: Mapping[str, Array], text: str = "") -> bytes:
     """Return the content of a file with these tensors; equal ones give equal bytes."""
-    _check_installed()
-    from safetensors.numpy import save
-
-    return save({name: np.asarray(values, order="C") for name, values in tensors.items()}, {ENTRY: text})
+    return _safetensors().numpy.save(
+        {name: np.asarray(values, order="C") for name, values in tensors.items()}, {ENTRY: text}
+    )
 
 
 def parse_tensors(data: bytes) -> tuple[str, dict[str, Array]]:
@@ -123,13 +122,10 @@ def parse_tensors(data: bytes) -> tuple[str, dict[str, Array]]:
 
     Raises ValueError for other content.
     """
-    _check_installed()
-    from safetensors import SafetensorError
-    from safetensors.numpy import load
-
+    safetensors = _safetensors()
     try:
-        tensors = dict(sorted(load(data).items()))  # whose order is random
-    except SafetensorError as error:
+        tensors = dict(sorted(safetensors.numpy.load(data).items()))  # whose order is random
+    except safetensors.SafetensorError as error:
         raise ValueError(str(error)) from error
     except KeyError as error:  # a type that numpy lacks
         raise ValueError(f"a tensor is of type {error}: {', '.join(DTYPES)} are known") from error
@@ -140,7 +136,8 @@ def parse_tensors(data: bytes) -> tuple[str, dict[str, Array]]:
     return (header.get("__metadata__") or {}).get(ENTRY, ""), tensors
 
 
-def _check_installed() -> None:
-    """Raise TrainingError if safetensors is not installed: this module is imported without it."""
+def _safetensors() -> Any:
+    """Return the library, without which this module can be imported. Raises TrainingError if it is not installed."""
     with needed("train", "weights of policies need {}", TrainingError):
-        import safetensors  # noqa: F401
+        import safetensors.numpy
+    return safetensors

@@ -6,6 +6,7 @@ An agent sees one or two of 17 to 36 entities, so only these are kept, embedded 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, cast
 
@@ -27,6 +28,7 @@ def moved(tensor: Tensor, device: torch.device) -> Tensor:
     return tensor.to(device, non_blocking=True)
 
 
+@dataclass(eq=False)
 class Rows:
     """Observations of a batch of agents.
 
@@ -41,17 +43,15 @@ class Rows:
         state: float32 (batch, numbers), the state of each agent's world, for a critic that learns from it; or None.
     """
 
-    def __init__(
-        self,
-        own: Tensor,
-        entities: Tensor,
-        count: Tensor,
-        known: Array | None = None,
-        room: int | None = None,
-        state: Tensor | None = None,
-    ) -> None:
-        self.own, self.entities, self.count, self.room, self.state = own, entities, count, room, state
-        self.known = count.numpy() if known is None else known
+    own: Tensor
+    entities: Tensor
+    count: Tensor
+    known: Array = None  # type: ignore[assignment]
+    room: int | None = None
+    state: Tensor | None = None
+
+    def __post_init__(self) -> None:
+        self.known = self.count.numpy() if self.known is None else self.known
 
     def __len__(self) -> int:
         return len(self.own)
@@ -128,14 +128,16 @@ class Rows:
         return torch.cat([self.count, (size - self.count.sum())[None]])
 
 
+@dataclass(eq=False)
 class PaddedRows:
     """Observations of a batch of agents, with a row for each possible entity, seen or not.
 
     packed: float32 (batch, layout.size). layout: Layout of `packed`.
     """
 
-    def __init__(self, packed: Tensor, layout: ObservationLayout, state: Tensor | None = None) -> None:
-        self.packed, self.layout, self.state = packed, layout, state
+    packed: Tensor
+    layout: ObservationLayout
+    state: Tensor | None = None
 
     def __len__(self) -> int:
         return len(self.packed)

@@ -1,7 +1,7 @@
 """Gradients on a GPU without launching kernels one by one."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import torch
@@ -11,7 +11,6 @@ from ..policies.rows import Rows
 from .minibatches import Minibatch
 
 MOST = 64  # shapes remembered, with or without a graph
-NUMBERS = [field.name for field in fields(Minibatch) if field.name != "seen"]
 Gradients = tuple[Tensor, Sequence[Tensor]]
 Compute = Callable[[Minibatch], Gradients]
 
@@ -79,21 +78,18 @@ def _capture(compute: Compute, batch: Minibatch, memory: Any) -> Captured:
 
 def _copy(batch: Minibatch) -> Minibatch:
     """Return a copy in separate memory, without cached results."""
-
-    def clone(values: Tensor | None) -> Any:
-        return None if values is None else values.clone()
-
-    seen = _rows(batch)
-    own, entities, count, state = map(clone, (seen.own, seen.entities, seen.count, seen.state))
-    rows = Rows(own, entities, count, seen.known, seen.room, state)
-    return Minibatch(seen=rows, **{name: clone(getattr(batch, name)) for name in NUMBERS})
+    seen, rest = ({name: each.clone() for name, each in _named(one).items()} for one in (batch.seen, batch))
+    return replace(batch, seen=replace(_rows(batch), **seen), **rest)
 
 
 def _tensors(batch: Minibatch) -> list[Tensor]:
     """Return all tensors of a minibatch, in a fixed order."""
-    seen = _rows(batch)
-    found = seen.own, seen.entities, seen.count, seen.state, *(getattr(batch, name) for name in NUMBERS)
-    return [values for values in found if values is not None]
+    return [*_named(_rows(batch)).values(), *_named(batch).values()]
+
+
+def _named(one: Any) -> dict[str, Tensor]:
+    """Return the fields of a dataclass that are tensors, by name."""
+    return {each.name: value for each in fields(one) if isinstance(value := getattr(one, each.name), Tensor)}
 
 
 def _rows(batch: Minibatch) -> Rows:

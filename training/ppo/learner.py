@@ -28,7 +28,8 @@ CPU = torch.device("cpu")
 SHARE = 2048  # samples of a minibatch that are computed at once; for fewer, calls cost more than sums
 KL_STOP = 1.5  # times target_kl, as in Stable-Baselines3
 OUR_LOSSES: tuple[Loss, ...] = ppo_loss, imitation_loss  # nothing in them waits for a GPU
-EPSILON = 1e-5  # of Adam, added to the root of the second moment, as in Stable-Baselines3
+ADAM: dict[str, Any] = {"fused": True, "amsgrad": False, "maximize": False, "weight_decay": 0.0}
+ADAM |= {"beta1": 0.9, "beta2": 0.999, "eps": 1e-5}  # eps, added to the root of the second moment: Stable-Baselines3's
 NAMES = "step", "exp_avg", "exp_avg_sq"  # entries of a parameter's moments
 SUMS = 1e-3  # tolerance between the loss of a minibatch and the sum of its shares' losses, relative to these
 
@@ -55,22 +56,7 @@ class Adam:
         """Change the parameters by their gradients. rate: The learning rate."""
         gradients = [each.grad for each in self.parameters if each.grad is not None]
         steps, averages, squares = ([own[name] for own in self.moments] for name in NAMES)
-        adam(
-            self.parameters,
-            gradients,
-            averages,
-            squares,
-            [],
-            steps,
-            fused=True,
-            lr=rate,
-            beta1=0.9,
-            beta2=0.999,
-            eps=EPSILON,
-            weight_decay=0.0,
-            amsgrad=False,
-            maximize=False,
-        )
+        adam(self.parameters, gradients, averages, squares, [], steps, lr=rate, **ADAM)
 
     def restore(self, moments: Sequence[Mapping[str, Tensor]]) -> None:
         """Restore copies of such moments, which may be on another device."""

@@ -167,10 +167,6 @@ def over(one: float, other: float) -> float:
     return one / other if other else math.inf if one else math.nan
 
 
-def _of(measure: Callable[[Curves, Quantity], float], quantity: Quantity, run: Curves) -> float:
-    return measure(run, quantity)
-
-
 NEAR, FAR = behaviour("attack_near"), behaviour("attack_far")
 HELD, ZONE, FIRST = behaviour("heals_held"), behaviour("zone_distance"), Quantity("first death", "rollout/first_death")
 NAMED: dict[str, Measure] = {
@@ -191,7 +187,7 @@ NAMED: dict[str, Measure] = {
     ),
 }
 NAMED |= {  # a measure of a quantity of one run: "left return"
-    f"{measure.__name__} {quantity.name}": partial(_of, measure, quantity)
+    f"{measure.__name__} {quantity.name}": partial(measure, quantity=quantity)
     for measure in (left, end, grows, peak, peak_at)
     for quantity in (*QUANTITIES, NEAR, FAR, HELD)
 }

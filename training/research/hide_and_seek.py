@@ -12,7 +12,7 @@ from outlast.components.hide_and_seek import HIDERS, SEEKERS
 from outlast.ecs import role
 from outlast.envs.cli.options import output, positive
 from outlast.envs.core.options import OUTPUT
-from outlast.envs.rollout.saved import STEPS, checkpoints, runs_in
+from outlast.envs.rollout.saved import checkpoints, runs_in, steps_of
 from outlast.envs.scenarios.parse import resolve
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.text_table import text_table
@@ -21,7 +21,7 @@ from ..arena.evaluation import CERTAIN, Evaluation, evaluate
 from ..arena.match import Estimates
 from ..base.errors import TrainingError
 from ..base.files import check_results, write_files
-from ..base.tables import csv_text
+from ..base.tables import csv_text, pivot
 from ..plots.figure import encoded, figure_of, write_notes
 from ..plots.plot import DRAWN
 
@@ -121,7 +121,7 @@ def use_tools(options: argparse.Namespace) -> int:
 
 def play(scenario: Scenario, folder: Path, episodes: int) -> Cells:
     """Play all checkpoints of a run against each other, and themselves. What never happens is left out."""
-    paths = {str(int(name[1])): path for path in checkpoints(folder) if (name := STEPS.fullmatch(path.name))}
+    paths = {str(steps_of(path)): path for path in checkpoints(folder)}
     if len(paths) < 2:
         raise TrainingError(f"{folder} has {len(paths)} checkpoint: train it with --every, to keep several")
     found, steps = evaluate(scenario, paths, episodes=episodes, worlds=256, quiet=True), [*map(int, paths)]
@@ -170,26 +170,16 @@ def changes(cells: Cells, of: int) -> tuple[int, int, int]:
 
 def report(name: str, cells: Cells) -> str:
     """Return the tables of a run."""
-    steps = sorted({hiders for hiders, _ in cells})
-    heads = [f"{each / MILLION:.0f} M" for each in steps]
-    matrix = [[cells[one, other][FIGURE] for other in steps] for one in steps]
-    names = list(cells[steps[0], steps[0]])
-    own = [[cells[each, each][name] for name in names] for each in steps]
-    lines = []
+    shown = [(name, f"{hiders:,}", f"{seekers:,}", *rest) for _, hiders, seekers, *rest in rows(name, cells)]
+    lines, parts = [], []
     for side, which in ((HIDERS, "hiders"), (SEEKERS, "seekers")):
         more, less, of = changes(cells, side)
         lines.append(f"against the same opponent, later {which}: seen more {more}, seen less {less}, of {of} pairs")
-    parts = [
-        text_table(
-            [(head, *map(_text, row)) for head, row in zip(heads, table, strict=True)], (about, *columns), left=1
-        )
-        for table, about, columns in ((matrix, "hiders, seekers", heads), (own, "itself", names))
-    ]
+    matrix, own = [row for row in shown if row[3] == FIGURE], [row for row in shown if row[1] == row[2]]
+    for table, about, across in ((matrix, "hiders, seekers", 2), (own, "itself", 3)):
+        heads, table_lines = pivot(table, 1, across)
+        parts.append(text_table(table_lines, (about, *heads), left=1))
     return "\n\n".join([f"{name}: {FIGURE}", parts[0], "\n".join(lines), parts[1]])
-
-
-def _text(estimate: tuple[float, float]) -> str:
-    return "{:.2f} ± {:.2f}".format(*estimate)
 
 
 def draw(runs: Mapping[str, Cells]) -> Figure:

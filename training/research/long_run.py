@@ -12,7 +12,7 @@ import numpy as np
 from outlast.envs.cli.options import output, positive
 from outlast.envs.core.options import OUTPUT
 from outlast.envs.rollout.lineup import parse_lineup
-from outlast.envs.rollout.saved import STEPS, checkpoints
+from outlast.envs.rollout.saved import STEPS, checkpoints, steps_of
 from outlast.envs.scenarios.parse import resolve
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.text_table import terminal_width, text_table
@@ -84,22 +84,15 @@ def chosen(run: Path) -> list[Path]:
         raise TrainingError(f"{run} has no checkpoint")
     found, least = list[Path](), 0.0
     for path in saved:
-        if _steps(path) >= least or path == saved[-1]:
+        if steps_of(path) >= least or path == saved[-1]:
             found.append(path)
-            least = TWICE * _steps(path)
+            least = TWICE * steps_of(path)
     return found
-
-
-def _steps(path: Path) -> int:
-    found = STEPS.fullmatch(path.name)
-    if found is None:
-        raise TrainingError(f"{path} is not a checkpoint of a run, such as steps_0001000000.zip")
-    return int(found[1])
 
 
 def measured(game: Scenario, run: Path, episodes: int) -> tuple[Rows, Rows]:
     """Let the chosen checkpoints of a run and the scripted policy play. Returns rows of FIGURES and of GAMES."""
-    players = {str(_steps(path)): str(path) for path in chosen(run)} | {SCRIPTED: SCRIPTED}
+    players = {str(steps_of(path)): str(path) for path in chosen(run)} | {SCRIPTED: SCRIPTED}
     with closing(_evaluation(game.with_(Behaviour(), Teamwork()), players, episodes)) as evaluation:
         play(evaluation, None, None, quiet=False)
         agents, ratings = evaluation.env.num_agents, evaluation.ratings()
@@ -143,13 +136,13 @@ def responded(game: Scenario, run: Path, episodes: int) -> Rows:
     target, *others = map(Path, parse_lineup(plan.get("opponents", ""), OPPONENTS))
     if others or not STEPS.fullmatch(target.name):
         raise TrainingError(f"{run} was not trained against one checkpoint, but against {plan.get('opponents')}")
-    saved = {str(_steps(path)): str(path) for path in checkpoints(run)}
+    saved = {str(steps_of(path)): str(path) for path in checkpoints(run)}
     with closing(_evaluation(game, saved | {"target": str(target)}, episodes)) as evaluation:
         rows, last = Rows(), len(saved)
         for k, steps in enumerate(saved):
             wins = evaluation.play_pair((k, last)).estimates(0)["wins"]
             warm = "yes" if plan.get("warm_start") else "no"
-            rows.append(_row((run.name, target.parent.name, str(_steps(target)), steps, warm), *wins))
+            rows.append(_row((run.name, target.parent.name, str(steps_of(target)), steps, warm), *wins))
     return rows
 
 

@@ -167,12 +167,12 @@ def write_part(part: str, chosen: Sequence[Experiment], out: Path, progress: Cou
 def _beside_the_paper(part: str, there: Sequence[Experiment], out: Path, progress: Counter) -> Iterator[Path]:
     """Yield kept results, figures and tables."""
     runs = load_runs(place for each in there for place in each.results(out))
-    yield from _written(curves_to_keep(runs, out / part) | _policies(there, out))
+    yield from write_files(curves_to_keep(runs, out / part) | _policies(there, out))
     games = {each.game for each in there}
     others = [each for each in experiments([FIRST]) if part != FIRST and each.game in games]
     beside = load_runs(place for each in others for place in each.results(out))
     files = figures_and_tables(group_runs(runs), "png", group_runs(beside))
-    yield from _written({out / part / name: content for name, content in files.items()})
+    yield from write_files({out / part / name: content for name, content in files.items()})
     progress(1)
 
 
@@ -194,7 +194,7 @@ def _mended(part: str, there: Sequence[Experiment], out: Path, progress: Counter
     kept |= {mended.FILE: mended.format_measured(dict(sorted(measured.items())))}
     shown = {each.name: [measured[run.name] for run in each.results(out)] for each in there}
     kept |= {"measured.md": (mended.table(shown) + "\n").encode()}
-    yield from _written({study / name: content for name, content in kept.items()} | _policies(there, out))
+    yield from write_files({study / name: content for name, content in kept.items()} | _policies(there, out))
     changed = sorted({pair.partition("=")[0] for each in there for pair in each.numbers})
     runs = dict[str, list[Path]]()
     for each in there:
@@ -207,11 +207,6 @@ def _mended(part: str, there: Sequence[Experiment], out: Path, progress: Counter
 def _measured(run: Path, known: mended.Measured) -> bool:
     """Return whether a run was measured, by its folder or by kept results."""
     return mended.is_measured(run) if run.is_dir() else run.name in known
-
-
-def _written(contents: dict[Path, bytes]) -> list[Path]:
-    write_files(contents)
-    return list(contents)
 
 
 def _policies(there: Sequence[Experiment], out: Path) -> dict[Path, bytes]:
@@ -227,5 +222,5 @@ def _film(game: Scenario, policy: Path, path: Path) -> Path:
     with tempfile.TemporaryDirectory() as folder:
         film, small = Path(folder, "film.mp4"), Path(folder, path.name)
         compress(outlast.film(game, film, policy=policy, worlds=1, seed=0, steps=length, **FILM), small)
-        (written,) = _written({path: small.read_bytes()})
+        (written,) = write_files({path: small.read_bytes()})
     return written

@@ -9,9 +9,9 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -53,18 +53,11 @@ class ChildRun:
 
     def start(self) -> None:
         """Start the process, which begins or continues the run."""
-        pipe, out = subprocess.PIPE, subprocess.STDOUT
+        self._output = tempfile.TemporaryFile("w+", errors="replace")  # noqa: SIM115, as it is read in `report`
         with ignored("SIGUSR1"):  # until the run can handle the signal
             self.process = subprocess.Popen(
-                self.words, start_new_session=True, stdin=pipe, stdout=pipe, stderr=out, text=True, errors="replace"
+                self.words, start_new_session=True, stdin=subprocess.PIPE, stdout=self._output, stderr=subprocess.STDOUT
             )
-        self._last = deque[str](maxlen=1)
-        self._reader = threading.Thread(target=self._read, daemon=True)  # a full pipe would stop the run
-        self._reader.start()
-
-    def _read(self) -> None:
-        """Read all output of the run, and keep the last line."""
-        self._last.extend(text for line in self.process.stdout or () if (text := line.strip()))
 
     def stop(self) -> None:
         """Interrupt the run, so that it saves and ends."""
@@ -82,10 +75,10 @@ class ChildRun:
 
     def report(self) -> int:
         """Print the run's last line of output. Return its exit status as shells do: 128 + N if signal N ended it."""
-        with self.process as process:  # `communicate` would first close the run's input, which interrupts the run
-            self._reader.join()
+        with self.process as process, self._output:  # `communicate` would close the run's input, which interrupts it
             code = process.wait()
-        last = (self._last or ["ended without output"])[-1]
+            self._output.seek(0)
+            last = [line.strip() for line in ("ended without output", *self._output) if line.strip()][-1]
         with above_bars(sys.stdout):
             print(f"{self.name}: {last if code >= 0 else f'ended by signal {-code}: {last}'}")
         return code if code >= 0 else SIGNALLED - code

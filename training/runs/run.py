@@ -28,9 +28,8 @@ from ..base.presets import preset
 from ..policies import checkpoint
 from ..policies.torch_settings import learning
 from ..ppo.crew import Crew, recruit
-from ..ppo.divergence import check_learned
 from ..ppo.rollout import Rollout
-from ..ppo.trainer import Trainer
+from ..ppo.trainer import Trainer, check_learned
 from .film import film_checkpoint
 from .logs import RunLog
 from .resume import capture, restore

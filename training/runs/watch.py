@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from outlast.envs.rollout.saved import checkpoints
+from outlast.envs.rollout.saved import checkpoints, steps_of
 from outlast.envs.web.replay.pack import PageRoom, pack
 from outlast.envs.web.replay.write import Recorded, record_ticks
 
@@ -54,7 +54,7 @@ class RunWatcher:
         newest, messages = None, [self._waiting(found)]
         if found:
             path, written = found[0]
-            newest = {"steps": _steps(path), "age": max(0.0, time.time() - written / 1e9)}
+            newest = {"steps": steps_of(path), "age": max(0.0, time.time() - written / 1e9)}
             messages.append(self.broken.get(found[0], self.differs))
         return {
             "message": " ".join(filter(None, (*messages, wrong))),
@@ -91,7 +91,7 @@ class RunWatcher:
         try:
             with episode(path, seed=number, most=MOST) as played:
                 game, differs = played.scenario.name, played.differs
-                known = {"number": number, "steps": _steps(path), "game": game}
+                known = {"number": number, "steps": steps_of(path), "game": game}
                 self.differs = f"This {game} differs from the game of its training: {differs}." if differs else ""
 
                 def grown(recorded: Recorded) -> None:
@@ -182,12 +182,6 @@ def _published(known: Json, recorded: Recorded, *, whole: bool) -> Json:
     """Return an episode for a page, see Feed. known: Known beforehand: number, steps, game."""
     data = base64.b64encode(pack([PageRoom(known["game"], recorded)])).decode()
     return known | {"ticks": _ticks(recorded), "whole": whole, "data": data}
-
-
-def _steps(path: Path) -> int:
-    """Return the agent-steps in the name of a checkpoint; 0 for another name."""
-    number = path.stem.rpartition("_")[2]
-    return int(number) if number.isdecimal() else 0
 
 
 def _until(stop: threading.Event, ticks: Iterator[int]) -> Iterator[int]:
