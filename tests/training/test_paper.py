@@ -1,15 +1,15 @@
 """What repeats the paper: what it plans, trains, measures and writes; called again, it goes on."""
 
-import json
 import re
 import shutil
 import sys
 from pathlib import Path
-from typing import Any
 
+import numpy as np
 import pytest
 
 from outlast.envs.cli.main import parser
+from outlast.training.arena.match import MatchResults, Pairing
 from outlast.training.base.curves import FILE, format_curves, read_curves
 from outlast.training.base.errors import TrainingError
 from outlast.training.base.files import packed
@@ -79,31 +79,24 @@ def test_films_need_ffmpeg_before_anything_is_trained(tmp_path: Path, monkeypatc
 
 def test_what_emerges_counts_both_roles(tmp_path: Path) -> None:
     """Two teams of two: means over a side's agents, and sums over its side, of both sides; kept, and read again."""
-    roles = [(1.0, 30.0, 4.0), (0.5, 10.0, 6.0)]
-    measured = mended.Measured()
-    for name, far in (("teams", 1), ("alone", 0)):
-        figures = [{"kills": kills, "damage_dealt": damage, "mate_distance": far * m} for kills, damage, m in roles]
-        own = [{key: {"mean": value, "error": 0.1} for key, value in role.items()} for role in figures]
-        pairings = [{"policies": ["last", "last"], "figures": own}]
-        for pair in (["last", "half"], ["scripted", "last"]):
-            wins = [{"wins": {"mean": share, "error": 0.1}} for share in (0.25, 0.75)]
-            pairings.append({"policies": pair, "figures": wins})
-        played = {"scenario": {"numbers": {"agents_count": 4}}, "pairings": pairings}
-        folder = tmp_path / name / mended.FOLDER
-        folder.mkdir(parents=True)
-        (folder / "evaluation.json").write_text(json.dumps(played))
-        measured[name] = mended.rows(tmp_path / name)
+    rows = []
+    for name, far in (("teams", 1.0), ("alone", 0.0)):
+        results, found = MatchResults(1, 2), {"run": name, "policy": "steps", "against itself at half time": "0.25"}
+        roles = {"kills": [1.0, 0.5], "damage_dealt": [30.0, 10.0], "mate_distance": [4 * far, 6 * far]}
+        for figure, both in roles.items():
+            results.enter((np.zeros(2, int), np.arange(2)), figure, np.array([both, both]))
+        own = mended.self_play(Pairing((0, 0), results), mended.SELF_PLAY, 4)
+        rows.append(found | {title: repr(mean) for title, (mean, _) in own.items()})
     kept = tmp_path / mended.FILE
-    kept.write_bytes(mended.format_measured(measured))
+    kept.write_bytes(mended.format_measured(rows))
     again = mended.read_measured(kept)
-    heads, _, *rows = mended.table({name: [again[name]] for name in ("teams", "alone")}).splitlines()
-    cells = [[cell.strip() for cell in line.split("|")] for line in (heads, *rows)]
-    found = [dict(zip(cells[0], row, strict=True)) for row in cells[1:]]
-    assert [float(found[0][name]) for name in ("wins against scripted", "against itself at half time")] == [0.75, 0.25]
-    assert [float(found[0][name]) for name in ("kills", "damage", "m to a mate")] == [1 + 0.5, 2 * 30 + 2 * 10, 5]
-    assert found[1]["m to a mate"] == "–"
-    with pytest.raises(TrainingError, match="games of last against scripted are missing"):
-        mended.table({"teams": [[row for row in again["teams"] if row["against"] != "scripted"]]})
+    heads, _, *lines = mended.table({name: [again[name]] for name in ("teams", "alone")}).splitlines()
+    cells = [[cell.strip() for cell in line.split("|")] for line in (heads, *lines)]
+    teams, alone = (dict(zip(cells[0], row, strict=True)) for row in cells[1:])
+    titles = ("against itself at half time", "kills", "damage", "m to a mate")
+    assert [float(teams[title]) for title in titles] == [0.25, 1 + 0.5, 2 * 30 + 2 * 10, 5]
+    assert alone["m to a mate"] == "–"
+    assert "wins against scripted" not in teams  # which nobody has played
 
 
 @pytest.mark.parametrize("content", [b"run,agents", packed("run,agents\n1,2\n"), packed("run,agents")[:-9]])
@@ -130,14 +123,14 @@ def test_tables_are_of_all_games_that_are_there(part: str, games: Any, table, tm
     study.mkdir()
     (study / FILE).write_bytes(format_curves({run: curves[run] for run in runs}))
     if part == "mended":
-        (study / mended.FILE).write_bytes(mended.format_measured({run: measured[run] for run in runs}))
+        (study / mended.FILE).write_bytes(mended.format_measured(measured[run] for run in runs))
     assert outlast_paper(*words, "--out", tmp_path) == 0
     found = (study / table).read_text()
     assert all(game.rpartition("-")[0] in found for game in games)
     assert filmed == [f"{games[0]}.webm" if part == "original" else "ffa_2.webm"]
     assert read_curves(study / FILE).keys() == {*runs}
     if part == "mended":  # the other one is not measured for that
-        (study / mended.FILE).write_bytes(mended.format_measured({runs[0]: measured[runs[0]]}))
+        (study / mended.FILE).write_bytes(mended.format_measured([measured[runs[0]]]))
         assert outlast_paper(*words, "--out", tmp_path) == 0
         assert games[1].rpartition("-")[0] not in (study / table).read_text()
         (study / mended.FILE).unlink()  # nor is one that is asked for, if only its curves are there
@@ -171,8 +164,8 @@ def test_mended_games_are_trained_measured_drawn_and_filmed(tmp_path: Path, monk
     policy = "policies/ffa_2+bounty/pool-1.safetensors"
     for name in ("mended/ffa_2+bounty.webm", "mended/ffa_2/curves.png", "mended/teams_2/curves.png", policy):
         assert (tmp_path / name).stat().st_size > 1000
-    evaluation = tmp_path / "runs/mended/ffa_2+bounty-fast-0/measured/evaluation.json"
-    assert json.loads(evaluation.read_text())["policies"][1]["policy"].endswith("steps_0000016384.zip")
+    measured = mended.read_measured(tmp_path / "mended" / mended.FILE)
+    assert {row["policy"] for row in measured.values()} == {"steps_0000032768.zip"}
     before = {path: path.stat().st_mtime_ns for path in (tmp_path / "runs").rglob("*") if path.is_file()}
     assert outlast_paper(*words) == 0
     assert {path: path.stat().st_mtime_ns for path in before} == before  # nothing is trained or measured twice

@@ -19,7 +19,7 @@ from outlast.envs.text_table import terminal_width, text_table
 from outlast.systems import Behaviour
 
 from ..arena.evaluation import Evaluation, play
-from ..arena.match import Pairing, ratio
+from ..arena.match import Estimates, Pairing, ratio
 from ..arena.players import contenders
 from ..base.config import OPPONENTS
 from ..base.errors import TrainingError
@@ -27,7 +27,7 @@ from ..base.files import check_out, read_text, write_files
 from ..base.run_header import read_run_folder
 from ..base.tables import csv_text, digits, pivot
 from ..plots.plot import DRAWN
-from .corrected_games import BY_AGENTS, BY_SIDES, EPISODES, SCRIPTED, SELF_PLAY
+from .corrected_games import BY_AGENTS, BY_SIDES, EPISODES, SCRIPTED, SELF_PLAY, self_play
 from .teamwork import Teamwork
 
 WORLDS = 128
@@ -105,7 +105,7 @@ def measured(game: Scenario, run: Path, episodes: int) -> tuple[Rows, Rows]:
                 own |= {f"wins against {SCRIPTED}": evaluation.estimates(name, SCRIPTED)["wins"]}
             for pairing in evaluation.pairings:
                 if pairing.pair == (k, k):
-                    own |= self_play(pairing, agents)
+                    own |= self_play(pairing, COUNTED, agents) | shares(pairing)
             figures += [_row((run.name, name, figure), *pair) for figure, pair in own.items()]
             for other in names:
                 if other != name:
@@ -113,17 +113,11 @@ def measured(game: Scenario, run: Path, episodes: int) -> tuple[Rows, Rows]:
     return figures, games
 
 
-def self_play(pairing: Pairing, agents: int) -> dict[str, tuple[float, float]]:
-    """Return what happens in an episode in which a policy plays itself: mean and standard error by name."""
-    both = {name: figure.sum(2).reshape(-1, 2) for name, figure in pairing.results.figures.items()}  # of both roles
-    found = dict[str, tuple[float, float]]()
-    for name, (title, times) in COUNTED.items():
-        if name in both:
-            mean, error = ratio(both[name])
-            found[title] = (times or agents) * mean, (times or agents) * error
-    for title, (part, base) in SHARES.items():
-        if {part, base} <= both.keys():
-            found[title] = ratio(np.stack([both[part][:, 0], both[base][:, 0]], -1))
+def shares(pairing: Pairing) -> Estimates:
+    """Return SHARES in episodes in which a policy plays itself."""
+    each = {name: figure.sum(2)[..., 0].ravel() for name, figure in pairing.results.figures.items()}  # of both roles
+    there = {title: names for title, names in SHARES.items() if each.keys() >= {*names}}
+    found = {title: ratio(np.stack([each[part], each[base]], -1)) for title, (part, base) in there.items()}
     return {title: pair for title, pair in found.items() if not math.isnan(pair[0])}
 
 

@@ -3,7 +3,7 @@
 import argparse
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -183,15 +183,14 @@ def _mended(part: str, there: Sequence[Experiment], out: Path, progress: Counter
     for each in there:
         for run in each.results(out):
             if run.is_dir():
-                mended.measure(each.scenario, run)
-                measured[run.name] = mended.rows(run)
+                measured[run.name] = mended.measured(each.scenario, run)
                 (result,) = load_runs([run])
                 curves[run.name] = result.about, rounded(thinned(result.curves, POINTS), DIGITS)
             elif run.name not in measured:
                 raise TrainingError(f"{study / mended.FILE} does not have {run.name}, and its folder is missing")
             progress(1)
     kept = {FILE: format_curves(dict(sorted(curves.items())))}
-    kept |= {mended.FILE: mended.format_measured(dict(sorted(measured.items())))}
+    kept |= {mended.FILE: mended.format_measured(measured.values())}
     shown = {each.name: [measured[run.name] for run in each.results(out)] for each in there}
     kept |= {"measured.md": (mended.table(shown) + "\n").encode()}
     yield from write_files({study / name: content for name, content in kept.items()} | _policies(there, out))
@@ -204,9 +203,9 @@ def _mended(part: str, there: Sequence[Experiment], out: Path, progress: Counter
         progress(1)
 
 
-def _measured(run: Path, known: mended.Measured) -> bool:
+def _measured(run: Path, known: Mapping[str, Any]) -> bool:
     """Return whether a run was measured, by its folder or by kept results."""
-    return mended.is_measured(run) if run.is_dir() else run.name in known
+    return (run / mended.FILE).exists() if run.is_dir() else run.name in known
 
 
 def _policies(there: Sequence[Experiment], out: Path) -> dict[Path, bytes]:
