@@ -17,7 +17,7 @@ from outlast.training.policies.player import Player
 from outlast.training.policies.rows import FILL, Rows
 from outlast.training.ppo import cuda_graph
 from outlast.training.ppo.learner import Adam, Learner
-from outlast.training.ppo.minibatches import Chunks, Samples
+from outlast.training.ppo.minibatches import Samples
 from outlast.training.ppo.trainer import Trainer
 from outlast.training.runs.run import TrainingRun
 from tests.helpers.trainers import nearly
@@ -155,7 +155,7 @@ def test_graphs_read_the_minibatch_that_they_are_asked_for(changes: dict[str, An
     monkeypatch.setattr(torch.cuda, "device", contextlib.nullcontext)
     one = trainer(**changes)
     learner, rollout = one.learners[0], one.collect()
-    samples = (Chunks if learner.policy.memory else Samples)(rollout, 0, one.preset.form, torch.device("cpu"))
+    samples = Samples(rollout, 0, learner.policy, torch.device("cpu"))
     samples.seen = samples.seen.filled()
     graphed = cuda_graph.GraphedGradients(torch.device("cpu"))
     parts = torch.randperm(len(samples.units), generator=torch.Generator().manual_seed(0)).tensor_split(4)
@@ -172,7 +172,7 @@ def test_no_tensor_is_on_the_wrong_device_and_none_is_waited_for(played: tuple[T
     """A minibatch and its gradients on the device without numbers: asking for one fails there, and so does mixing."""
     one, rollout = played
     learner = Learner(deepcopy(one.policies[0]), one.learners[0].numbers, torch.Generator(), device=META)
-    samples, shapes = Samples(rollout, 0, one.preset.form, META), set()
+    samples, shapes = Samples(rollout, 0, learner.policy, META), set()
     for part in torch.randperm(rollout.learner.size).tensor_split(4):
         seen = samples.seen.select(part)
         shapes.add((len(seen.entities), len(seen.pairs[0])))

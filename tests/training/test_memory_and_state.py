@@ -21,7 +21,7 @@ from outlast.training.policies.packer import Packer
 from outlast.training.policies.policy import ActorCritic
 from outlast.training.policies.rows import Observed, Rows, concatenated
 from outlast.training.ppo.learner import Learner
-from outlast.training.ppo.minibatches import Chunks, normalised
+from outlast.training.ppo.minibatches import Samples, normalised
 from outlast.training.ppo.rollout import NOBODY, Rollout
 from outlast.training.ppo.trainer import Trainer
 from outlast.training.runs.resume import capture
@@ -131,7 +131,7 @@ def test_learners_are_trained_on_what_agents_remembered(dead: str) -> None:
     trainer.update(trainer.collect())
     trainer.collect()
     made, own = trainer.collect(), trainer.policies[0]
-    samples = Chunks(made, 0, FORM, torch.device("cpu"))
+    samples = Samples(made, 0, own, torch.device("cpu"))
     batch = samples.select(samples.units)
     with torch.no_grad():
         logs, values, _ = own(batch.seen, batch.memory, batch.begins)

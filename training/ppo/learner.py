@@ -18,7 +18,7 @@ from ..policies.torch_settings import INDEX
 from .crew import Crew
 from .cuda_graph import GraphedGradients
 from .loss import ALWAYS, Loss, evaluated, imitation_loss, ppo_loss
-from .minibatches import Batch, Chunks, Minibatch, Samples
+from .minibatches import Batch, Minibatch, Samples
 from .rollout import Rollout
 
 Array = np.ndarray[Any, Any]
@@ -121,8 +121,7 @@ class Learner:
             return {}
         rate = self.numbers.learning_rate * (left if self.numbers.anneal_lr else 1)
         self._copy(self.policy, self.trained)
-        kind, form = Chunks if self.policy.memory else Samples, self.policy.preset.form
-        samples = kind(rollout, self.number, form, self.device)
+        samples = Samples(rollout, self.number, self.policy, self.device)
         units, wanted = samples.units, max(1, round(len(chosen) / self.numbers.batch_size))
         batches = max(1, min(wanted, len(units) // 2))  # a single sample has no spread for the normalisation
         found, steps, going = list[Tensor](), 0, True
@@ -158,7 +157,7 @@ class Learner:
 
     def _differentiate(self, samples: Samples, part: Tensor, shared: Shared = map) -> Tensor:
         """Return the figures of the loss of the units `part`; its gradients are stored in the parameters."""
-        shares = max(1, len(part) * samples.LENGTH // (SHARE * self.crew.size)) if self.device.type == "cpu" else 1
+        shares = max(1, len(part) * samples.length // (SHARE * self.crew.size)) if self.device.type == "cpu" else 1
         calls = shared if shares > 1 else map  # one share does not need threads, and a GPU's graphs stay in this one
         parts = [each for each in calls(lambda share: self._share(samples, part, share, shares), range(shares)) if each]
         if not self.agreed:

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 import torch
@@ -10,7 +9,6 @@ from torch import Tensor
 
 from ..base.config import CHUNK
 from ..base.hyperparameters import Hyperparameters
-from ..base.presets import Form
 from ..policies.policy import Networks
 from ..policies.rows import Observed, moved
 from ..policies.torch_settings import INDEX
@@ -99,37 +97,39 @@ class Batch(Minibatch):
 class Samples:
     """A learner's samples of a rollout, on a device; on the CPU, these are views of the rollout's arrays.
 
-    units: int64, indices of samples of all processes, which are shuffled and divided into minibatches. On the CPU.
+    They are shuffled in units of `length` steps of one agent: 1 or, for a policy with a memory, CHUNK, through which
+    gradients flow back. Samples of others in a unit have weight 0.
+
+    units: int64, indices of units of all processes that hold samples of the learner. On the CPU.
     """
 
-    LENGTH = 1  # samples of a unit
-
-    def __init__(self, rollout: Rollout, number: int, form: Form, device: torch.device) -> None:
-        """Choose the samples of a learner.
-
-        number: The number of the learner. form: In which its networks take observations. device: Where it is trained.
-        """
-        self.rollout, self.device, self.seen = rollout, device, rollout.seen[form].to(device)
+    def __init__(self, rollout: Rollout, number: int, policy: Networks, device: torch.device) -> None:
+        """Choose the samples of a learner, by its number. device: Where the policy is trained."""
+        self.rollout, self.device, self.seen = rollout, device, rollout.seen[policy.preset.form].to(device)
         here = slice(rollout.first, rollout.first + rollout.actions.shape[1])
         own = {"advantages": rollout.advantages, "actions": rollout.actions, "old_log_probs": rollout.log_probs}
         own |= {"old_values": rollout.values[:, here], "returns": rollout.returns[:, here]}
         own |= {} if rollout.idle is None else {"free": ~rollout.idle}
+        own |= {"memory": rollout.memory, "begins": rollout.begins} if policy.memory else {}
         self.own = {
             name: moved(torch.from_numpy(each.reshape(-1, *each.shape[2:])), device) for name, each in own.items()
         }
         self.advantages = self.own.pop("advantages")  # those of all processes
-        self.units = torch.from_numpy(np.flatnonzero(rollout.learner == number))
+        self.remembered = [self.own.pop(name, None) for name in ("memory", "begins")]
+        mine = rollout.learner == number
+        self.length, self.agents = CHUNK if policy.memory else 1, mine.shape[1]
+        self.units = torch.from_numpy(np.flatnonzero(mine.reshape(-1, self.length, self.agents).any(1)))
+        self.mine = torch.from_numpy(mine.ravel())
 
     def select(self, part: Tensor, share: int = 0, shares: int = 1) -> Minibatch | None:
         """Return this process's share of the minibatch of some units, or a share of that; None if it has none."""
-        weights = torch.full((len(part),), 1 / len(part), dtype=torch.float64, device="cpu")
-        return self._select(part, weights, share, shares)
-
-    def _select(self, index: Tensor, weights: Tensor, share: int, shares: int) -> Minibatch | None:
-        """Return a share of the minibatch of some samples of all processes, with their weights, both on the CPU."""
+        first = part // self.agents * (self.length * self.agents) + part % self.agents
+        index = (first + torch.arange(self.length, **INDEX)[:, None] * self.agents).flatten()
+        weights = self.mine.index_select(0, index).double()
+        weights /= weights.sum()
         where, own = self.rollout.here(index)
         if shares > 1:
-            some = torch.arange(len(own), **INDEX).view(self.LENGTH, -1).tensor_split(shares, 1)[share].flatten()
+            some = torch.arange(len(own), **INDEX).view(self.length, -1).tensor_split(shares, 1)[share].flatten()
             where, own = some if where is None else where[some], own[some]
         if not len(own):
             return None
@@ -140,46 +140,13 @@ class Samples:
             advantages, weights = advantages.index_select(0, there), weights.index_select(0, there)
         there = moved(own, self.device)
         found = {name: each.index_select(0, there) for name, each in self.own.items()}
-        memory, begins = self._remembered(own)
-        more: dict[str, Any] = {"weights": weights, "memory": memory, "begins": begins}
-        return Minibatch(seen=self.seen.select(own), advantages=advantages, **found, **more)
-
-    def _remembered(self, own: Tensor) -> tuple[Tensor | None, Tensor | None]:
-        """Return the memory before some samples of this process, and where it is reset."""
-        return None, None
-
-
-class Chunks(Samples):
-    """A learner's samples in chunks of CHUNK steps of one agent, through which gradients flow back.
-
-    units: int64, indices of the chunks that hold samples of the learner; other samples in them have weight 0.
-    """
-
-    LENGTH = CHUNK
-
-    def __init__(self, rollout: Rollout, number: int, form: Form, device: torch.device) -> None:
-        """Choose from `rollout`, of a multiple of CHUNK steps. number, form, device: Of the learner."""
-        super().__init__(rollout, number, form, device)
-        mine = rollout.learner == number
-        self.agents = mine.shape[1]
-        self.units = torch.from_numpy(np.flatnonzero(mine.reshape(-1, CHUNK, self.agents).any(1)))
-        self.mine = torch.from_numpy(mine.ravel())
-        self.begins = moved(torch.from_numpy(rollout.begins.ravel()), device)
-        self.memory = moved(torch.from_numpy(rollout.memory.reshape(-1, rollout.memory.shape[2])), device)
-
-    def select(self, part: Tensor, share: int = 0, shares: int = 1) -> Minibatch | None:
-        """Return this process's share of the minibatch of some units, or a share of that, step after step."""
-        first = part // self.agents * (CHUNK * self.agents) + part % self.agents
-        index = (first + torch.arange(CHUNK, **INDEX)[:, None] * self.agents).flatten()
-        weights = self.mine.index_select(0, index).double()
-        return self._select(index, weights / weights.sum(), share, shares)
-
-    def _remembered(self, own: Tensor) -> tuple[Tensor | None, Tensor | None]:
-        agents = self.rollout.actions.shape[1]
-        first = own.view(CHUNK, -1)[0]
-        chunks = first // (agents * CHUNK) * agents + first % agents
-        begins = self.begins.index_select(0, moved(own, self.device)).view(CHUNK, -1)
-        return self.memory.index_select(0, moved(chunks, self.device)), begins
+        memory, begins = self.remembered
+        if memory is not None and begins is not None:
+            agents, first = self.rollout.actions.shape[1], own.view(self.length, -1)[0]
+            chunks = first // (agents * self.length) * agents + first % agents
+            found["memory"] = memory.index_select(0, moved(chunks, self.device))
+            found["begins"] = begins.index_select(0, there).view(self.length, -1)
+        return Minibatch(seen=self.seen.select(own), advantages=advantages, weights=weights, **found)
 
 
 def normalised(advantages: Tensor, weights: Tensor) -> Tensor:
