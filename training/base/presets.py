@@ -14,7 +14,7 @@ from .errors import TrainingError
 from .hyperparameters import TOGETHER, Hyperparameters
 
 WORLDS, ROLLOUT = 64, 16384  # worlds of a rollout, and its environment steps, which one world plays in the paper
-DEAD = ("keep", "drop")  # treatment of the samples of dead agents, see Lane
+DEAD = ("keep", "drop")  # an agent's samples go on until its episode ends, or they end with its death
 
 
 PAPER_NUMBERS = Hyperparameters()

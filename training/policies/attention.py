@@ -24,21 +24,14 @@ def attend(
     rows: int, stride: int, count: int, agents: int, width: int, likely: int, shares: int, share_stride: int,
     means: int, mean_stride: int,
 ) -> int:  # fmt: skip
-    """Average the outputs of attention over the rows of each agent. Most arguments are addresses and bytes.
+    """Average the outputs of attention over the rows of each agent. Arguments are addresses, or bytes between rows.
 
     A head has HEAD numbers. A value of a head is written HEAD times, so that vectors need not be rearranged.
 
-    Args:
-        rows: float32, query, key and value of each row, width each, agent after agent.
-        stride: Bytes from one row to the next.
-        count: int64 (agents,), rows of each agent.
-        agents: Number of agents.
-        width: Numbers of a query, a multiple of 16.
-        likely: float32 (pairs, width), written: the attention of each row to each row of its agent.
-        shares: float32 (rows, width), written: the means of these over the rows that attend.
-        share_stride: Bytes from one row of `shares` to the next.
-        means: float32 (agents, width), written: sums of the values by these shares; 0 for an agent without rows.
-        mean_stride: Bytes from one row of `means` to the next.
+    rows: float32, query, key and value of each row, `width` numbers each (a multiple of 16), agent after agent. count:
+    int64 (agents,), rows of each agent. Written are likely: float32 (pairs, width), the attention of each row to each
+    row of its agent; shares: float32 (rows, width), the means of these over the rows that attend; and means: float32
+    (agents, width), the sums of the values by these shares, 0 for an agent without rows.
     """
     width, scale = 4 * width, np.float32(1 / math.sqrt(HEAD))
     zero, one = repeated(np.float32(0)), repeated(np.float32(1))

@@ -211,17 +211,12 @@ def backward(call: int) -> int:
 
 @kernel
 def choose(call: int, sizes: int, count: int, uniform: int, idle: int, noop: int, actions: int, logs: int) -> int:
-    """Draw actions from logits, which are overwritten. Most arguments are addresses.
+    """Draw actions from logits, which are overwritten. Arguments are addresses, but for the number of actions.
 
-    Args:
-        call: Argument of `evaluate`.
-        sizes: int64 (count,), number of values of each action.
-        count: Number of actions of an agent.
-        uniform: float32 (agents, count), from 0 to below 1.
-        idle: bool (agents, count), whether an action is not drawn; 0: all are drawn.
-        noop: int64 (count,), values of actions that are not drawn.
-        actions: int64 (agents, count), written.
-        logs: float32 (agents,), written: log-probabilities of the drawn actions.
+    call: As for `evaluate`. sizes: int64 (count,), number of values of each action. uniform: float32 (agents, count),
+    from 0 to below 1. idle: bool (agents, count), whether an action is not drawn; 0: all are drawn. noop: int64
+    (count,), values of actions that are not drawn. Written are actions: int64 (agents, count); and logs: float32
+    (agents,), log-probabilities of the drawn actions.
     """
     row, stride = _given(call, LOGITS), 4 * _filled(_field(call, SEEING + 3, OUTPUTS))
     for i in range(_given(call, AGENT_COUNT)):

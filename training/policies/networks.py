@@ -42,7 +42,7 @@ class Extractor(nn.Module):
         self.register_buffer("scale", torch.ones(sum(widths), 1, **FLOAT), persistent=False)
         self.set_scales(scales)
         for part in torch.split(self.weight.data, widths):  # as if each kind had a layer of its own
-            part.copy_(orthogonal(torch.empty(part.shape[1], part.shape[0], **FLOAT), GAIN).T)
+            part.copy_(nn.init.orthogonal_(torch.empty(part.shape[1], part.shape[0], **FLOAT), GAIN).T)
         for layer in (self.own, self.attention.out_proj):
             begin(layer)
 
@@ -104,7 +104,7 @@ class Memory(nn.GRUCell):
         super().__init__(features, width, **FLOAT)
         for weight in (self.weight_ih, self.weight_hh):
             for gate in weight.data.chunk(3):
-                orthogonal(gate, 1.0)
+                nn.init.orthogonal_(gate)
         for bias in (self.bias_ih, self.bias_hh):
             nn.init.zeros_(bias)
 
@@ -153,11 +153,6 @@ def dense(inputs: int, outputs: int) -> nn.Linear:
 
 def begin(layer: nn.Linear, gain: float = GAIN) -> nn.Linear:
     """Initialise a layer with orthogonal weights and a bias of 0, and return it."""
-    orthogonal(layer.weight, gain)
+    nn.init.orthogonal_(layer.weight, gain)
     nn.init.zeros_(layer.bias)
     return layer
-
-
-def orthogonal(weight: Tensor, gain: float) -> Tensor:
-    """Fill a weight (outputs, inputs) with an orthogonal matrix and return it."""
-    return nn.init.orthogonal_(weight, gain)

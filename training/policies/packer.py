@@ -86,21 +86,12 @@ def pack(
     agents: int, own: int, turned: int, own_columns: int, angle: int, own_turns: int, own_count: int, kinds: int,
     lists: int, entities: int, columns: int, count: int,
 ) -> int:  # fmt: skip
-    """Join the lists of all kinds to one of all entities, agent after agent. Most arguments are addresses.
+    """Join the lists of all kinds to one of all entities, agent after agent. Arguments are addresses, or numbers of.
 
-    Args:
-        agents: Number of observing agents.
-        own: float32 (agents, own_columns), their own numbers.
-        turned: The same numbers after the turns, written.
-        own_columns: Number of own columns.
-        angle: Column of an agent's angle.
-        own_turns: See `turns`.
-        own_count: Number of own turns.
-        kinds: Number of kinds.
-        lists: int64 (kinds, KIND).
-        entities: float32 (n, columns), written.
-        columns: Columns of an entity: those of all kinds, and one for each kind.
-        count: int64 (agents,), written: number of entities of each agent.
+    own: float32 (agents, own_columns), the agents' own numbers, with their angle in the column `angle`. own_turns: See
+    `turns`; own_count of them. lists: int64 (kinds, KIND). Written are turned: the own numbers after the turns;
+    entities: float32 (n, columns), where columns are those of all kinds, and one for each kind; and count: int64
+    (agents,), the number of entities of each agent.
     """
     to = entities
     for i in range(agents):

@@ -31,7 +31,6 @@ from ..base.metrics import check_statistics, means
 from ..base.observation_layout import field_table, layout_of, scales
 from ..base.presets import Preset, preset
 from ..policies.checkpoint import HEAVIEST, policies_content, wrong_weight
-from ..policies.packer import packers_of
 from ..policies.player import Player
 from ..policies.policy import ActorCritic, Networks, check_outputs
 from ..policies.rows import PaddedRows
@@ -112,10 +111,7 @@ class Trainer:
         if not self.opponents.alone and self.env.worlds.dims["sides"] < 2:
             raise TrainingError("opponents need a side of their own, but this game has one side: leave them out")
         self.curriculum = config.levels and Curriculum(config.levels, self.env)
-        packers, masked = packers_of(self.layout, self.presets), [each.masked for each in self.presets]
-        options: dict[str, Any] = {"seed": config.seed, "dead": config.dead, "masked": masked}
-        options |= {"state": self.state > 0, "curriculum": self.curriculum}
-        self.lane = Lane(self.env, packers, self.team, self.opponents, **options)
+        self.lane = Lane(config, self.env, self.presets, self.team, self.opponents, self.curriculum)
         self.collector = Collector(self.lane, config.numbers, self.crew)
         for policy, kind in zip(self.policies, self.networks, strict=True):
             if kind is not None:

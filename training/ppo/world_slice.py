@@ -17,15 +17,16 @@ from outlast.envs.rollout.lineup import draw, key_of, own_side
 from outlast.envs.rollout.outcome import Standings, shares_beaten
 
 from ..arena.opponent_pool import OpponentPool, Plain
-from ..base.config import CHUNK
+from ..base.config import CHUNK, TrainingConfig
 from ..base.errors import TrainingError
 from ..base.hyperparameters import Hyperparameters
 from ..base.metrics import BehaviourMetrics, EpisodeMetrics, Tallies
 from ..base.noise import ActionNoise
-from ..base.presets import Form
+from ..base.observation_layout import layout_of
+from ..base.presets import Form, Preset
 from ..policies import compiled_networks
 from ..policies.checkpoint import REST
-from ..policies.packer import Packer
+from ..policies.packer import packers_of
 from ..policies.policy import Networks
 from ..policies.rows import Observed, Rows, concatenated
 from ..policies.torch_settings import FLOAT, playing
@@ -65,35 +66,31 @@ class Lane:
 
     def __init__(
         self,
+        config: TrainingConfig,
         env: SurvivalVectorEnv,
-        packers: Mapping[Form, Packer],
+        presets: Sequence[Preset],
         team: Array,
         opponents: OpponentPool,
-        *,
-        seed: int,
-        dead: str,
-        masked: Sequence[bool] = (False,),
-        state: bool = False,
-        curriculum: Curriculum | None = None,
+        curriculum: Curriculum | None,
     ) -> None:
         """Create a lane, in worlds that have been reset, in which the present selves play everywhere.
 
-        packers: Those of the learners' networks. team: int (agents of a world,). opponents: Who may play.
-        dead: "keep": an agent's samples go on until its episode ends. "drop": they end with its death. masked: Of each
-        learner, see Preset. state: Whether critics learn from it. curriculum: What levels are drawn from; None: worlds
-        draw theirs.
+        presets: Of the learners. team: int (agents of a world,). opponents: Who may play. curriculum: What levels are
+        drawn from; None: worlds draw theirs.
         """
         self.curriculum, self.keys = curriculum, np.stack(key_of(env.worlds), 1)
         self.played, self.games = list[Ended](), list[tuple[int, int, float]]()
         self.seen = list[dict[Form, Observed]]()
-        self.overview = GlobalState(env.worlds) if state else None
-        self.env, self.packers, self.team, self.pool, self.dead = env, packers, team, opponents, dead
-        self.packer = next(iter(packers.values()))  # what is the same for all: the layout, and an agent's own numbers
-        self.masked, self._noop = np.array(masked), torch.from_numpy(np.array(env.noop, np.int64))
+        self.overview = GlobalState(env.worlds) if config.critic == "state" else None
+        self.env, self.team, self.pool, self.dead = env, team, opponents, config.dead
+        self.packers = packers_of(layout_of(env), presets)
+        self.packer, *_ = self.packers.values()  # what is the same for all: the layout, and an agent's own numbers
+        self.masked = np.array([each.masked for each in presets])
+        self._noop = torch.from_numpy(np.array(env.noop, np.int64))
         self.teacher: Plain | None = None
         self._lists = VisibleRows(env._reader.views)
         self.agents, self._sides = env.num_worlds * env.num_agents, side(env.worlds)
-        self.noise = ActionNoise(seed, env.worlds[Clock].world[:, 0], env.num_agents, len(env.action_sizes))
+        self.noise = ActionNoise(config.seed, env.worlds[Clock].world[:, 0], env.num_agents, len(env.action_sizes))
         self.episodes, self.behaviour = EpisodeMetrics(env), BehaviourMetrics(env)
         self.opponent, self.own = np.zeros(env.num_worlds, int), np.zeros(env.num_worlds, int)
         self.standings = Standings(env.worlds)
