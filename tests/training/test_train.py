@@ -21,7 +21,7 @@ from outlast.envs.cli.main import parser
 from outlast.envs.core.options import flag_of, options_of
 from outlast.envs.errors import UsageError
 from outlast.envs.rollout.saved import CHECKPOINT
-from outlast.training.base.config import RunOptions, TrainingConfig, Workload
+from outlast.training.base.config import RunOptions, TrainingConfig
 from outlast.training.base.errors import TrainingError
 from outlast.training.cli import train
 from outlast.training.runs.child_runs import ChildRun, side_by_side
@@ -80,8 +80,8 @@ def test_mistakes_are_refused_before_anything_is_made(tmp_path: Path, wrong: dic
     assert not (tmp_path / "run").exists()
 
 
-def work(steps: int, **options: Any) -> Workload:
-    return Workload.of(TrainingConfig(outlast.variant("ffa_2"), steps=steps, **options))
+def work(steps: int, **options: Any) -> TrainingConfig:
+    return TrainingConfig(outlast.variant("ffa_2"), steps=steps, **options)
 
 
 def test_returns_of_agents_that_come_back_do_not_end_at_a_death() -> None:
@@ -93,14 +93,14 @@ def test_returns_of_agents_that_come_back_do_not_end_at_a_death() -> None:
 
 def test_whole_rollouts_are_said_before_they_are_collected() -> None:
     sizes = "(256 worlds x 128 steps x 2 agents)"
-    assert str(work(100)) == f"100 agent-steps, rounded up to one rollout of 65,536 {sizes}"
-    assert str(work(10**7)) == f"10,000,000 agent-steps in 153 rollouts of 65,536 {sizes}"
+    assert work(100).workload == f"100 agent-steps, rounded up to one rollout of 65,536 {sizes}"
+    assert work(10**7).workload == f"10,000,000 agent-steps in 153 rollouts of 65,536 {sizes}"
     assert (work(100).total, work(10**7).total, work(65_537).total) == (65_536, 153 * 65_536, 131_072)
     varied = outlast.variant("ffa_2").vary(n_agents=outlast.distributions.integers(2, 3))
     asked = TrainingConfig(varied, steps=8192, worlds=8, rollout=1024)
-    assert str(Workload.of(asked)) == "8,192 agent-steps in 3 rollouts of 3,072 (8 worlds x 128 steps x 3 agents)"
+    assert asked.workload == "8,192 agent-steps in 3 rollouts of 3,072 (8 worlds x 128 steps x 3 agents)"
     partly = work(10**7, opponents={"self": 0.5, "scripted": 0.5})  # steps of opponents count
-    assert (str(partly), partly.total) == (str(work(10**7)), work(10**7).total)
+    assert (partly.workload, partly.total) == (work(10**7).workload, work(10**7).total)
 
 
 def test_the_first_line_says_it_and_whether_a_resumed_run_begins_at_0(tmp_path: Path, capsys) -> None:

@@ -382,6 +382,25 @@ class TrainingConfig:
         varied = dict(self.scenario.varied).get("agents_count")  # making worlds without agents is an error
         return int(varied.extremes()[1] if varied else self.scenario.numbers().get("agents_count", 1))
 
+    @property
+    def each(self) -> int:
+        """Agent-steps of a rollout, including those of opponents."""
+        return self.size[1] * self.agents
+
+    @property
+    def total(self) -> int:
+        """The agent-steps at the end: rollouts are always collected completely."""
+        return -(-self.steps // self.each) * self.each
+
+    @property
+    def workload(self) -> str:
+        """The agent-steps of the run and of its rollouts, in words."""
+        worlds, rollout = self.size
+        sizes = f"({worlds:,} worlds x {rollout // worlds:,} steps x {self.agents:,} agents)"
+        if self.steps <= self.each:
+            return f"{self.steps:,} agent-steps, rounded up to one rollout of {self.each:,} {sizes}"
+        return f"{self.steps:,} agent-steps in {self.total // self.each:,} rollouts of {self.each:,} {sizes}"
+
 
 @dataclass(frozen=True)
 class RunOptions:
@@ -427,38 +446,3 @@ class EvaluationOptions:
         False, OUTPUT, "write a film and a page of a typical episode of each pairing beside the tables, too"
     )
     quiet: bool = option(False, OUTPUT, "show no progress bar")
-
-
-@dataclass(frozen=True)
-class Workload:
-    """The agent-steps of a run, including those of opponents. Rollouts are always collected completely.
-
-    asked: Requested agent-steps. each: Agent-steps of a rollout, the product of `sizes`.
-    """
-
-    asked: int
-    each: int
-    sizes: tuple[int, int, int]
-
-    @classmethod
-    def of(cls, config: TrainingConfig) -> "Workload":
-        """Return the workload of a run."""
-        (worlds, rollout), agents = config.size, config.agents
-        return cls(config.steps, rollout * agents, (worlds, rollout // worlds, agents))
-
-    @property
-    def rollouts(self) -> int:
-        """Return the number of rollouts."""
-        return -(-self.asked // self.each)
-
-    @property
-    def total(self) -> int:
-        """The agent-steps at the end."""
-        return self.rollouts * self.each
-
-    def __str__(self) -> str:
-        worlds, steps, agents = self.sizes
-        sizes = f"{worlds:,} worlds x {steps:,} steps x {agents:,} agents"
-        if self.asked <= self.each:
-            return f"{self.asked:,} agent-steps, rounded up to one rollout of {self.each:,} ({sizes})"
-        return f"{self.asked:,} agent-steps in {self.rollouts:,} rollouts of {self.each:,} ({sizes})"

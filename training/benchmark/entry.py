@@ -16,7 +16,7 @@ from outlast.envs.storage.folder_lock import FolderLock
 
 from ..arena.players import Contender
 from ..base import log_file, policy_file
-from ..base.config import FAST, TrainingConfig, Workload
+from ..base.config import FAST, TrainingConfig
 from ..base.errors import TrainingError
 from ..base.files import write_files
 from ..policies.player import weights_of
@@ -85,7 +85,7 @@ class Entry:
     @property
     def training(self) -> int:
         """The agent-steps of its training; 0 for an agent that exists."""
-        return Workload.of(self.config()).total if self.agent.trained else 0
+        return self.config().total if self.agent.trained else 0
 
     @property
     def work(self) -> int:

@@ -18,7 +18,7 @@ from outlast.envs.errors import needed
 from outlast.envs.rollout.saved import checkpoints
 
 from ..base import config as known
-from ..base.config import SELF, RunOptions, TrainingConfig, Workload
+from ..base.config import SELF, RunOptions, TrainingConfig
 from ..base.errors import TrainingError
 from ..base.files import check_out
 from ..base.hyperparameters import KINDS
@@ -151,9 +151,8 @@ def _train_several(command: Parser, options: argparse.Namespace, planned: Sequen
     if len({run.name for run in runs}) < len(runs):
         raise TrainingError(f"{', '.join(run.name for run in runs)}: name each variant and each seed once")
     at_once = options.jobs or max(1, available_cores() // options.processes)
-    works = [Workload.of(each.config) for each in planned]
-    total = sum(work.total for work in works)
-    about = f"{len(runs)} runs, {min(at_once, len(runs))} at a time, {total:,} agent-steps; the first: {works[0]}"
+    total, first = sum(each.config.total for each in planned), planned[0].config.workload
+    about = f"{len(runs)} runs, {min(at_once, len(runs))} at a time, {total:,} agent-steps; the first: {first}"
     begun = sum(run.steps() for run in runs) if options.resume else 0
     if options.resume and (anew := [run.name for run in runs if not checkpoints(run.folder)]):
         about += f"\nno checkpoint yet, begins at 0: {', '.join(anew)}"

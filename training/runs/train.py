@@ -14,7 +14,7 @@ from outlast.envs.scenarios.parse import options_of as arguments_of
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.storage.interrupts import children_awaited
 
-from ..base.config import FAST, SELF, Choose, TrainingConfig, Workload
+from ..base.config import FAST, SELF, Choose, TrainingConfig
 from ..base.errors import TrainingError
 from ..base.hyperparameters import KINDS
 from ..base.log_file import NAME, read_log
@@ -157,15 +157,16 @@ def _logged_last(folder: Path) -> dict[str, float]:
 
 def shown(run: TrainingRun, *, quiet: bool) -> None:
     """Train, and show a summary, the progress and the remaining time of the run; see LiveView."""
-    config, work = run.config, Workload.of(run.config)
-    about = f"{config.scenario.name}, preset {config.preset}, seed {config.seed}: {work}, with an update after each"
+    config, total = run.config, run.config.total
+    about = f"{config.scenario.name}, preset {config.preset}, seed {config.seed}: {config.workload}"
+    about += ", with an update after each"
     if run.anew:
         about += f"\nno checkpoint in {run.folder} yet: begins at 0"
-    view = LiveView(run.done, work.total, quiet=quiet, about=about)
+    view = LiveView(run.done, total, quiet=quiet, about=about)
 
     def progress(run: TrainingRun) -> None:
         ended = run.done >= config.steps
-        view.update(run.done, run.done if ended else work.total, run.tags)
+        view.update(run.done, run.done if ended else total, run.tags)
         view.now(run.now)
 
     try:
