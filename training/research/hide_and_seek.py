@@ -151,12 +151,9 @@ def rows(name: str, cells: Cells) -> list[tuple[Any, ...]]:
 def changes(cells: Cells, of: int) -> tuple[int, int, int]:
     """Count how often a later checkpoint of one side is seen more than an earlier one, by the same checkpoint.
 
-    Args:
-        cells: What was played.
-        of: The side whose checkpoints are compared: HIDERS or SEEKERS.
+    Returns how often more, and how often less, by more than CERTAIN standard errors; and the number of comparisons.
 
-    Returns:
-        How often more, and how often less, by more than CERTAIN standard errors; and how many comparisons there are.
+    of: The side whose checkpoints are compared: HIDERS or SEEKERS.
     """
     steps, apart = sorted({pair[of] for pair in cells}), list[float]()
     for other in steps:
