@@ -72,10 +72,6 @@ class Curriculum:
                 "by scenario.vary(melee_damage=outlast.distributions.integers(5, 20)), or leave out levels"
             ) from None
 
-    def ask(self, progress: TrainingProgress) -> None:
-        """Make the function choose the levels of the next rollout. Raises TrainingError if it returns no levels."""
-        self.take(self.choose(progress))
-
     def take(self, levels: Any) -> None:
         """Draw from these levels from now on. Raises TrainingError if they are not levels."""
         try:

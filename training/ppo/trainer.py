@@ -158,7 +158,7 @@ class Trainer:
             played=played,
             statistics=statistics,
         )
-        curriculum.ask(progress)
+        curriculum.take(curriculum.choose(progress))
 
     def policy_files(self, header: Mapping[str, Any]) -> dict[str, bytes]:
         """Return the files of a checkpoint that a Player needs.
