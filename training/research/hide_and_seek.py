@@ -51,9 +51,8 @@ def add(commands: Any) -> None:
         "three standard errors shows that what was taken away was of use."
     )
     examples = [("tool-use hide_small runs/hide_small-fast-0 --episodes 1024", "one run")]
-    command = commands.add_parser("tool-use", help=text, description=description, examples=examples)
+    command = commands.add_parser("tool-use", help=text, description=description, examples=examples, run=use_tools)
     _add_games(command, "a saved policy, or the folder of a run")
-    command.set_defaults(run=use_tools)
     text = "play hiders of each checkpoint against seekers of each"
     description = (
         "Let hiders of each checkpoint of a run of hide and seek play against seekers of each checkpoint of the same "
@@ -61,11 +60,10 @@ def add(commands: Any) -> None:
         "plays against itself."
     )
     examples = [("phases hide_small runs/hide_small-fast-* --out phases.csv --figure phases.png", "several runs")]
-    command = commands.add_parser("phases", help=text, description=description, examples=examples)
+    command = commands.add_parser("phases", help=text, description=description, examples=examples, run=play_phases)
     _add_games(command, "the folder of a run, or a folder with several of these")
     text = "draw the ticks seen of all runs to this file, as PNG"
     command.group(OUTPUT).add_argument("--figure", type=output(_check), metavar="FILE", help=text)
-    command.set_defaults(run=play_phases)
 
 
 def _add_games(command: Any, runs: str) -> None:

@@ -53,7 +53,7 @@ def add(commands: Any) -> None:
     )
     parts = "\n".join(f"  {name:10}{about}" for name, about in PARTS.items())
     command = commands.add_parser(
-        "reproduce", help=text, description=description, examples=examples, epilog=f"parts:\n{parts}"
+        "reproduce", help=text, description=description, examples=examples, epilog=f"parts:\n{parts}", run=run
     )
     done = command.group("what is done")
     text = f"parts to train: {', '.join(PARTS)}, see below (default: all)"
@@ -71,7 +71,6 @@ def add(commands: Any) -> None:
     add_quiet(command)
     text = "runs that train at the same time (default: cores)"
     command.group(MACHINE).add_argument("--jobs", type=positive, help=text)
-    command.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
