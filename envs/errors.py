@@ -39,10 +39,11 @@ def needed(extra: str, what: str, kind: type[Exception] | None = None) -> Iterat
     try:
         yield
     except ImportError as error:
-        library = str(error.name).partition(".")[0]
+        library = (error.name or "").partition(".")[0]
         if library == "outlast":
             raise
-        text = f"{what.replace('{}', library)}: {install(extra)}"
+        found = "" if isinstance(error, ModuleNotFoundError) else f"; {error}"
+        text = f"{what.replace('{}', library or 'a library')}: {install(extra)}{found}"
         raise (ModuleNotFoundError(text, name=library) if kind is None else kind(text)) from error
 
 
