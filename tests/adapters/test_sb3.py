@@ -242,11 +242,11 @@ def test_continuous_actions_are_those_of_the_worlds() -> None:
     """What SAC kept, played again, pays the same."""
     from stable_baselines3 import SAC
 
-    scenario, steps = SHORT.with_(FineMotors()), 40
+    scenario, steps = SHORT.with_(FineMotors()), 25
     env, reference = (
         make_sb3(scenario, WORLDS, seed=0, observations="flat", scaled=True, actions="continuous") for _ in range(2)
     )
-    model = SAC("MlpPolicy", env, seed=4, learning_starts=4, buffer_size=40 * env.num_envs, gradient_steps=2)
+    model = SAC("MlpPolicy", env, seed=4, learning_starts=4, buffer_size=40 * env.num_envs, gradient_steps=1)
     before = [value.clone() for value in model.policy.parameters()]
     model.learn(steps * env.num_envs)
     assert any((a != b).any() for a, b in zip(before, model.policy.parameters(), strict=True))

@@ -313,10 +313,9 @@ def test_what_cannot_be_is_refused(options: dict[str, Any], message: str) -> Non
 def test_mappo_updates(name: str, one_torch_thread: None) -> None:
     """The example: returns are those of whole episodes, and the same seed learns the same."""
     train = runpy.run_path(str(EXAMPLE))["train"]
-    frames = 4 * 64 * WORLDS
-    one, again = (train(short(name), frames, SEED, WORLDS, frames // WORLDS // 4) for _ in range(2))
+    one, again = (train(short(name), 2 * 64 * WORLDS, SEED, WORLDS) for _ in range(2))
     assert one == again
-    assert 1 <= len(one) <= 4
+    assert 1 <= len(one) <= 2
     assert np.isfinite(one).all()
 
 

@@ -147,6 +147,7 @@ def test_what_cannot_be_measured_or_kept_is_said_ahead_of_it(
         assert message in capsys.readouterr().err
 
 
+@pytest.mark.nightly
 def test_rates_of_training_are_shared_out_among_its_parts(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, one_torch_thread: None
 ) -> None:

@@ -274,7 +274,7 @@ def test_pictures_are_those_of_the_script(name: str, monkeypatch: pytest.MonkeyP
 @once
 @pytest.mark.skipif((sys.platform, platform.machine()) != ("linux", "x86_64"), reason="sines differ elsewhere")
 @pytest.mark.parametrize("name", FILMS)
-@pytest.mark.by_day(4)
+@pytest.mark.by_day(2)
 def test_films_are_those_of_the_commands(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """To update one: the command of the page, or python docs/pictures.py NAME"""
     pytest.importorskip("imageio_ffmpeg", reason="a .gif needs FFmpeg: outlast[view]")
