@@ -23,7 +23,7 @@ from ..policies.policy import Networks
 from .ratings import MEAN
 
 Array = np.ndarray[Any, Any]
-Plain = Callable[[dict[str, Array], Array], Array]
+Plain = Callable[[dict[str, Array], Array], Array]  # of agents' observations and uniform numbers, to actions
 PAST_SELVES = 5  # past selves that are drawn from: evenly spaced over the run
 STEP = 4.0  # Elo's K-factor: half of it is gained by winning a game that should have been drawn
 SCALE = 400.0  # Elo points for odds of ten to one
@@ -35,31 +35,18 @@ LEAST = 0.02  # added to every priority, so that an opponent that always loses i
 
 @dataclass
 class Opponent:
-    """An opponent that can be drawn.
+    """An opponent that can be drawn."""
 
-    Attributes:
-        name: One of OPPONENTS, a path, or past@STEPS for a past self, with its agent-steps of training.
-        weight: Relative frequency of draws, unless opponents are prioritised.
-        policies: Those of a past self, one for each learner, or those of a file.
-        packers: Pack observations for these policies, by form; None: the learners' packers do.
-        team: int (agents of a world,), which of the policies plays each agent; None: as with the learners.
-        plain: Instead of policies, a function from the observations of some agents and uniform numbers (agents,
-            actions) to actions.
-        won: Games that the learners won against it, in the shares of `record_all`; earlier ones count less.
-        games: Games that they played against it; earlier ones count less.
-        total: All games against it, each counted as one.
-    """
-
-    name: str
-    weight: float
-    policies: Sequence[Networks] = ()
-    packers: Mapping[Form, Packer] | None = None
-    team: Array | None = None
-    plain: Plain | None = None
+    name: str  # one of OPPONENTS, a path, or past@STEPS for a past self, with its agent-steps of training
+    weight: float  # relative frequency of draws, unless opponents are prioritised
+    policies: Sequence[Networks] = ()  # those of a past self, one for each learner, or those of a file
+    packers: Mapping[Form, Packer] | None = None  # of observations for these, by form; None: the learners' packers
+    team: Array | None = None  # int (agents of a world,), the policy of each agent; None: as with the learners
+    plain: Plain | None = None  # instead of policies
     rating: float = MEAN
-    won: float = 0.0
-    games: float = 0.0
-    total: int = 0
+    won: float = 0.0  # games that the learners won against it, in the shares of `record_all`; earlier ones count less
+    games: float = 0.0  # games that they played against it; earlier ones count less
+    total: int = 0  # all games against it, each counted as one
 
     @property
     def kind(self) -> str:

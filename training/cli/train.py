@@ -76,17 +76,11 @@ def run(command: Parser, options: argparse.Namespace) -> int:
 
 
 class PlannedRun(NamedTuple):
-    """A run that the options request.
-
-    Attributes:
-        config: Its configuration.
-        folder_name: The name of its folder, unless the user gives one.
-        words: Words of a command line that only this run has.
-    """
+    """A run that the options request."""
 
     config: TrainingConfig
-    folder_name: str
-    words: tuple[str, ...]
+    folder_name: str  # unless the user gives one
+    words: tuple[str, ...]  # of a command line, those that only this run has
 
 
 def _swept(text: str) -> tuple[str, ...]:

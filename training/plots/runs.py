@@ -39,26 +39,16 @@ logger = logging.getLogger("outlast")
 
 @dataclass(frozen=True)
 class Run:
-    """A run.
+    """A run."""
 
-    Attributes:
-        origin: Its folder; for a kept run, its name in the folder of the study.
-        scenario: Name of the game.
-        numbers: The numbers of the scenario, by name.
-        curves: All logged values, by tag; for kept runs, the paper's quantities.
-        label: Name of the scenario with its changes: "ffa_2-melee_damage=50"; "" if that is the name alone.
-        asked: Requested agent-steps; None if that is not recorded.
-        beyond: Parts of the game that no variant has, in words; see BEYOND.
-    """
-
-    origin: Path
-    scenario: str
-    numbers: dict[str, Any]
+    origin: Path  # its folder; for a kept run, its name in the folder of the study
+    scenario: str  # name of the game
+    numbers: dict[str, Any]  # of the scenario, by name
     plan: dict[str, Any]
-    curves: Curves
-    label: str = ""
-    asked: int | None = None
-    beyond: tuple[str, ...] = ()
+    curves: Curves  # all logged values, by tag; for kept runs, the paper's quantities
+    label: str = ""  # name of the scenario with its changes: "ffa_2-melee_damage=50"; "" if that is the name alone
+    asked: int | None = None  # requested agent-steps; None if that is not recorded
+    beyond: tuple[str, ...] = ()  # parts of the game that no variant has, in words; see BEYOND
 
     @property
     def seed(self) -> int:

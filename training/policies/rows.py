@@ -46,7 +46,7 @@ class Rows:
     own: Tensor
     entities: Tensor
     count: Tensor
-    known: Array = None  # type: ignore[assignment]
+    known: Any = None
     room: int | None = None
     state: Tensor | None = None
 

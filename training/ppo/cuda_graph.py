@@ -87,7 +87,7 @@ def _tensors(batch: Minibatch) -> list[Tensor]:
     return [*_named(_rows(batch)).values(), *_named(batch).values()]
 
 
-def _named(one: Any) -> dict[str, Tensor]:
+def _named(one: Any) -> dict[str, Any]:
     """Return the fields of a dataclass that are tensors, by name."""
     return {each.name: value for each in fields(one) if isinstance(value := getattr(one, each.name), Tensor)}
 

@@ -20,44 +20,24 @@ DEAREST = 1e30  # the largest reward or sum of rewards: float32 can hold it, and
 
 @dataclass(frozen=True)
 class Rollout:
-    """Samples (steps, agents, ...) of the agents of this process; of all processes, where noted, once it is completed.
+    """Samples (steps, agents, ...) of the agents of this process; of all processes, where noted, once completed."""
 
-    Attributes:
-        seen: What was observed before each step, steps * agents, by the form in which networks take it.
-        own: float32 (steps, agents, layout.own), numbers that belong to no entity, as observed.
-        actions: int64 (steps, agents, actions).
-        log_probs: float32, log-probabilities of the actions when they were chosen.
-        values: float32, the critic's values of the observations; of all processes. A lane leaves out those of a policy
-            that computes them apart, see Collector.
-        rewards: float32.
-        later: float32, the value of the next observation, where an episode was truncated after the step; otherwise 0.
-        ends: bool, whether the agent's next step does not count for this one, since its episode ends.
-        begins: bool, whether the agent's memory is reset before the step.
-        alive: bool, whether the agent lived when it observed.
-        learner: int16, the learner that is trained on the sample, or NOBODY; of all processes.
-        idle: bool (steps, agents, actions), whether an action was not drawn, for lack of effect; None: all were.
-        memory: float32 (chunks, agents, width), the agents' memory before each chunk of CHUNK steps.
-        last: float32 (agents,), values of the observations at the end.
-        advantages: float32; of all processes.
-        first: Index of this process's first agent among those of all processes.
-    """
-
-    seen: Mapping[Form, Observed]
-    own: Array
-    actions: Array
-    log_probs: Array
-    values: Array
-    rewards: Array
-    later: Array
-    ends: Array
-    begins: Array
-    alive: Array
-    learner: Array
-    idle: Array | None
-    memory: Array
-    last: Array
-    advantages: Array = field(default_factory=lambda: np.empty(0, np.float32))
-    first: int = 0
+    seen: Mapping[Form, Observed]  # before each step, steps * agents, by the form in which networks take it
+    own: Array  # float32 (steps, agents, layout.own), numbers that belong to no entity, as observed
+    actions: Array  # int64 (steps, agents, actions)
+    log_probs: Array  # float32, log-probabilities of the actions when they were chosen
+    values: Array  # float32, by the critic; of all processes. A lane leaves out those computed apart, see Collector
+    rewards: Array  # float32
+    later: Array  # float32, the value of the next observation, where an episode was truncated after the step; else 0
+    ends: Array  # bool, whether the agent's next step does not count for this one, since its episode ends
+    begins: Array  # bool, whether the agent's memory is reset before the step
+    alive: Array  # bool, whether the agent lived when it observed
+    learner: Array  # int16, the learner that is trained on the sample, or NOBODY; of all processes
+    idle: Array | None  # bool (steps, agents, actions), whether one was not drawn, for lack of effect; None: all were
+    memory: Array  # float32 (chunks, agents, width), the agents' memory before each chunk of CHUNK steps
+    last: Array  # float32 (agents,), values of the observations at the end
+    advantages: Array = field(default_factory=lambda: np.empty(0, np.float32))  # of all processes
+    first: int = 0  # index of this process's first agent among those of all processes
 
     @property
     def returns(self) -> Array:

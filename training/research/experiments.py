@@ -46,20 +46,13 @@ TO_HEAL_MATES = (
 
 @dataclass(frozen=True)
 class Experiment:
-    """A run for each of several seeds.
-
-    Attributes:
-        game: The name of a variant, with ablations.
-        preset: The preset of networks and numbers.
-        options: Further options of `outlast train`, without the seed.
-        numbers: Numbers of the game with other values: "melee_damage=2".
-    """
+    """A run for each of several seeds."""
 
     part: str
-    game: str
+    game: str  # the name of a variant, with ablations
     preset: str
-    options: tuple[str, ...] = ()
-    numbers: tuple[str, ...] = ()
+    options: tuple[str, ...] = ()  # further options of `outlast train`, without the seed
+    numbers: tuple[str, ...] = ()  # numbers of the game with other values: "melee_damage=2"
 
     @property
     def name(self) -> str:
