@@ -22,15 +22,11 @@ AGE = "agent_steps"  # the only difference between checkpoints of one run
 
 @dataclass(frozen=True)
 class PolicyGroup:
-    """Policies that differ by the seeds of their training only; or a single other policy.
+    """Policies that differ by the seeds of their training only; or a single other policy."""
 
-    label: Differences from the other groups, see plots.groups.RunGroup; for a policy that is not a run, its own label.
-    members: Indices of its policies. trained: Whether they are runs.
-    """
-
-    label: str
-    members: tuple[int, ...]
-    trained: bool
+    label: str  # differences from the other groups, see plots.groups.RunGroup; of a policy that is not a run, its own
+    members: tuple[int, ...]  # indices of its policies
+    trained: bool  # whether they are runs
 
 
 @dataclass(frozen=True)

@@ -60,13 +60,10 @@ def is_known(tag: str) -> bool:
 
 @dataclass(frozen=True)
 class Curves:
-    """Curves over the same points.
+    """Curves over the same points."""
 
-    steps: agent-steps, int64 (points,), ascending. values: by tag, float32 (points,), NaN where a rollout has none.
-    """
-
-    steps: Array
-    values: dict[str, Array]
+    steps: Array  # agent-steps, int64 (points,), ascending
+    values: dict[str, Array]  # by tag, float32 (points,), NaN where a rollout has none
 
     def tags(self, quantity: Quantity) -> list[str]:
         """Return the existing tags of a quantity, in order of sides."""

@@ -72,15 +72,12 @@ def explained(width: int = 78) -> Iterator[str]:
 
 @dataclass(frozen=True)
 class Figure:
-    """One of the main figures.
+    """One of the main figures."""
 
-    group: Its subject, one of GROUPS. name: Its name, unique in its group. text: The displayed number.
-    """
-
-    group: str
-    name: str
+    group: str  # its subject, one of GROUPS
+    name: str  # unique in its group
     value: float
-    text: str
+    text: str  # the displayed number
 
 
 def _rate(value: float) -> str:

@@ -16,15 +16,11 @@ OF_PRESET = {*asdict(Hyperparameters()), "rollout", "steps", "cameras_mode"}  # 
 
 @dataclass(frozen=True)
 class RunGroup:
-    """Runs of one setting, in order of seeds.
-
-    values: The settings that distinguish it, as texts by name; empty if it is the only group. mixed: Settings in which
-    its own runs differ, possible if groups are formed by other settings.
-    """
+    """Runs of one setting, in order of seeds."""
 
     runs: tuple[Run, ...]
-    values: dict[str, str]
-    mixed: tuple[str, ...]
+    values: dict[str, str]  # the settings that distinguish it, as texts by name; empty if it is the only group
+    mixed: tuple[str, ...]  # settings in which its own runs differ, possible if groups are formed by other settings
 
     @property
     def label(self) -> str:

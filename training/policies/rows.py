@@ -10,14 +10,12 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, cast
 
-import numpy as np
 import torch
 from torch import Tensor
 from torch.nn import functional
 
 from ..base.observation_layout import ObservationLayout
 
-Array = np.ndarray[Any, Any]
 FILL = 512  # lists are padded to multiples of this where shapes should repeat
 
 

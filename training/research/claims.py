@@ -28,17 +28,13 @@ Measure = Callable[..., float]  # of a run of each variant of a claim; NaN if a 
 
 @dataclass(frozen=True)
 class Claim:
-    """A claim.
-
-    variants: The games of the claim. measure: Called with a run of each of these variants. low: The least number for
-    which the claim holds.
-    """
+    """A claim."""
 
     text: str
-    variants: tuple[str, ...]
-    what: str
-    measure: Measure
-    low: float = -np.inf
+    variants: tuple[str, ...]  # its games
+    what: str  # the number that measures it, in words
+    measure: Measure  # called with a run of each of these variants
+    low: float = -np.inf  # the least number for which the claim holds
     high: float = np.inf
 
     @property

@@ -44,14 +44,11 @@ def add(commands: Any) -> None:
 
 @dataclass(frozen=True)
 class EndRow:
-    """A quantity of a group: end values and moving averages of its runs and, if any, of the paper's.
-
-    side: -1 for all agents together. ours: One for each run whose end value counts, in order of seeds.
-    """
+    """A quantity of a group: end values and moving averages of its runs and, if any, of the paper's."""
 
     quantity: Quantity
-    side: int
-    ours: tuple[EndValue, ...]
+    side: int  # -1 for all agents together
+    ours: tuple[EndValue, ...]  # one for each run whose end value counts, in order of seeds
     curve: MovingAverage
     theirs: EndValue | None
     their_curve: MovingAverage | None

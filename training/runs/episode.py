@@ -19,17 +19,12 @@ from ..base.errors import TrainingError
 
 @dataclass(frozen=True)
 class WatchedEpisode:
-    """One world in which a policy plays an episode.
+    """One world in which a policy plays an episode."""
 
-    worlds: The world, which is reset when the first tick is requested. ticks: Each item requested plays one more tick,
-    until the episode ends; the first item is the reset. differs: Difference between the scenario and the one that the
-    policy was trained in; "" if there is none.
-    """
-
-    worlds: Worlds
-    ticks: Iterator[int]
+    worlds: Worlds  # one, which is reset when the first tick is requested
+    ticks: Iterator[int]  # each item requested plays a tick, until the episode ends; the first is the reset
     scenario: Scenario
-    differs: str
+    differs: str  # difference between the scenario and the one that the policy was trained in; "": none
 
 
 @contextlib.contextmanager
