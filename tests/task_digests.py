@@ -30,7 +30,7 @@ Pinned = dict[str, dict[str, Any]]
 def games(task: Task) -> dict[str, TaskGame]:
     """The games of a task by name, and as "training" the one that agents are trained in."""
     train = TaskGame("training", task.scenario, (), 0)
-    return {game.name: game for game in (train, *task.games)}
+    return {game.name: game for game in (train, *task.games.values())}
 
 
 def identity(scenario: Scenario) -> str:

@@ -16,7 +16,7 @@ import cleanrl_ppo
 import torch
 from benchmark_agents import LAYERS, drawn, mappo, rows, saved, train_cleanrl
 
-from outlast.training.benchmark.agents import Made
+from outlast.training.arena.players import Contender
 from outlast.training.benchmark.games import play
 from outlast.training.benchmark.tasks import TaskGame
 
@@ -42,7 +42,7 @@ def test_agents_play(name: str, folder: Path) -> None:
     if name != "striker":
         getattr(benchmark_agents, f"train_{name}")("ffa_2", 0, 1, folder)  # steps are rounded up to one rollout
     game = TaskGame("trained", SHORT.titled_as(outlast.variant("ffa_2")), (), 0)
-    found = play(game, [Made(name, f"{EXAMPLE}:{name}", 0)], 4)
+    found = play(game, [Contender(name, f"{EXAMPLE}:{name}", seed=0)], 4)
     assert sum(found.outcome[name] for name in ("won", "drawn", "lost")) == 4
     assert len(found.moves.foreign)  # its actions are kept, as nobody else can ask it
 

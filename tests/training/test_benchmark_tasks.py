@@ -73,7 +73,9 @@ def numbers_of(game: tasks.TaskGame) -> dict[str, Any]:
 
 def test_each_side_plays_in_worlds_of_every_count() -> None:
     """Sides alternate from world to world; what worlds are given must not alternate with them."""
-    given = [(game.name, game.numbers(320)) for task in tasks.tasks().values() for game in task.games if game.given]
+    given = [
+        (game.name, game.numbers(320)) for task in tasks.tasks().values() for game in task.games.values() if game.given
+    ]
     assert len(given) >= 3
     for name, numbers in given:
         for values in numbers.values():
@@ -93,7 +95,7 @@ def _ends(values: Any) -> Any:
 def test_tasks_keep_to_the_protocol() -> None:
     """Worlds are keyed by (seed, world): training takes no seed of tests, and no two games of a task share one."""
     for task in tasks.tasks().values():
-        seeds = [game.seed for game in task.games]
+        seeds = [game.seed for game in task.games.values()]
         assert len({*seeds}) == len(seeds)
         assert min(seeds) >= TEST_SEEDS.start
         assert task.validation.seed == VALIDATION_SEED

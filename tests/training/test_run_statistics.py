@@ -1,6 +1,5 @@
 """Statistics over runs: against rliable, hand-computed cases and known distributions; and results for marl-eval."""
 
-import dataclasses
 import itertools
 import json
 import math
@@ -11,7 +10,7 @@ import pytest
 
 from outlast.training.base import statistics
 from outlast.training.base.errors import TrainingError
-from outlast.training.benchmark.marl_eval import RunMetrics, marl_eval_json
+from outlast.training.benchmark.marl_eval import marl_eval_json
 from tests.data import rliable_values
 
 NAMES = ("mean", "median", "iqm", "probability_of_improvement")
@@ -82,14 +81,15 @@ def test_bad_input_is_refused(call: Any, message: str) -> None:
         call()
 
 
-def run_metrics(task: str, algorithm: str, seed: int) -> RunMetrics:
+def run_metrics(task: str, algorithm: str, seed: int) -> dict[Any, Any]:
     base = 0.1 * seed + (0.5 if algorithm == "fast" else 0.0) + (0.2 if task == "teams_2" else 0.0)
     steps = {10_000_000: {"wins": [base, base], "length": 90}, 5_000_000: {"wins": [base - 0.1, base], "length": 80}}
-    return RunMetrics(task, algorithm, seed, steps, {"wins": [base, base + 0.2], "length": 100})
+    return {**steps, "absolute_metrics": {"wins": [base, base + 0.2], "length": 100}}
 
 
-PLANS = itertools.product(("teams_2", "ffa_2"), ("fast", "Scaled"), (1, 0))
-RUNS = [run_metrics(*names) for names in PLANS]
+PLANS = [*itertools.product(("teams_2", "ffa_2"), ("fast", "Scaled"), (1, 0))]
+RUNS = {names: run_metrics(*names) for names in PLANS}
+ONE = RUNS[PLANS[0]]
 
 
 def test_what_is_written() -> None:
@@ -101,22 +101,25 @@ def test_what_is_written() -> None:
         "step_1": {"step_count": 10_000_000, "wins": [0.5, 0.5], "length": [90]},
         "absolute_metrics": {"wins": [0.5, 0.7], "length": [100]},
     }
-    assert marl_eval_json("outlast", RUNS[::-1]) == marl_eval_json("outlast", RUNS)
+    assert marl_eval_json("outlast", dict(reversed(RUNS.items()))) == marl_eval_json("outlast", RUNS)
 
 
 @pytest.mark.parametrize(
     ("runs", "message"),
     [
-        ([], "runs for marl-eval are empty"),
-        (RUNS[1:], "seed 1 of fast in teams_2 occurs 0 times"),
-        ([*RUNS, RUNS[0]], "seed 1 of fast in teams_2 occurs 2 times"),
-        ([run_metrics("ffa_2", "fast", 0), run_metrics("ffa_2", "Fast", 0)], "Fast and fast are the same name"),
-        ([run_metrics("ffa_2", "fast, big", 0)], "cannot read a name that contains a comma"),
-        ([dataclasses.replace(RUNS[0], steps={})], "teams_2, fast, seed 1 has 0 evaluations"),
-        ([dataclasses.replace(RUNS[0], absolute={"wins": 1})], r"has metrics \['length', 'wins'\]: expected \['w"),
-        ([dataclasses.replace(RUNS[0], absolute={"wins": math.nan, "length": 1})], "absolute metrics: wins = nan"),
+        ({}, "runs for marl-eval are empty"),
+        ({names: RUNS[names] for names in PLANS[1:]}, "teams_2, fast, seed 1 has 0 evaluations"),
+        ({("ffa_2", "fast", 0): ONE, ("ffa_2", "Fast", 0): ONE}, "fast, Fast: two are the same name"),
+        ({("ffa_2", "fast, big", 0): ONE}, "cannot read a name that contains a comma"),
+        ({PLANS[0]: {"absolute_metrics": {"wins": 1}}}, "teams_2, fast, seed 1 has 1 evaluations"),
+        ({PLANS[0]: {1: {"wins": 1}}}, "teams_2, fast, seed 1 has 1 evaluations: all need equally many, and absolute_"),
+        ({PLANS[0]: {**ONE, "absolute_metrics": {"wins": 1}}}, r"has metrics \['length', 'wins'\]: expected \['w"),
+        (
+            {PLANS[0]: {**ONE, "absolute_metrics": {"wins": math.nan, "length": 1}}},
+            "seed 1: wins = nan",
+        ),
     ],
 )
-def test_what_it_would_misread_is_refused(runs: list[Any], message: str) -> None:
+def test_what_it_would_misread_is_refused(runs: Any, message: str) -> None:
     with pytest.raises(TrainingError, match=message):
         marl_eval_json("outlast", runs)

@@ -1,7 +1,6 @@
 """Cross-play: every policy against every other and itself, with standard errors, as tables; outlast.evaluate."""
 
 import contextlib
-import functools
 import json
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -53,11 +52,9 @@ class Evaluation:
     each side equally often. The numbers of a pairing are a function of the seed and of the positions of its policies
     in the list, and do not depend on threads. `str(evaluation)` has all tables.
 
-    Attributes:
-        scenario: The game, with observations that fit all policies.
-        chosen: The policies.
-        pairings: The pairings that are complete.
-        each: Episodes of a pairing that each world plays.
+    scenario: The game, with observations that fit all policies. chosen: The policies. pairs: All pairings, in the order
+    in which they are played, including each policy with itself. pairings: The pairings that are complete. each:
+    Episodes of a pairing that each world plays. episodes: Those of all worlds.
 
     Raises ScenarioError if the scenario cannot be played, and TrainingError if a policy cannot play there or all
     agents are on one side.
@@ -78,24 +75,22 @@ class Evaluation:
         self.scenario, self.chosen, self.seed = common_scenario(scenario, players), list(chosen), seed
         self.worlds, self.each = worlds, -(-episodes // worlds)
         self.each += self.each * worlds % ROLES  # otherwise one assignment of sides is played more often
+        self.episodes = self.each * worlds
+        self.pairs = [(i, j) for j in range(len(self.chosen)) for i in range(j + 1)]
         options: dict[str, Any] = {"autoreset_mode": "Disabled", "copy": False, "check_actions": False}
         self.env = make_vec(self.scenario, worlds, seed=seed, threads=threads, **options)
+        self.pairings: list[Pairing] = []
+        self._groups: Groups | None = None
         try:
-            self._check()
+            self.env.reset()
+            check_statistics(self.env, "length", "return")
+            if fewest_sides(self.env.worlds) < ROLES:
+                raise TrainingError(f"{self.scenario.name} has one side only: take a game with two or more")
+            for contender in self.chosen:
+                contender.check(self.env)
         except BaseException:
             self.close()
             raise
-        self.pairings: list[Pairing] = []
-
-    @property
-    def pairs(self) -> list[tuple[int, int]]:
-        """All pairings, in the order in which they are played, including each policy with itself."""
-        return [(i, j) for j in range(len(self.chosen)) for i in range(j + 1)]
-
-    @property
-    def episodes(self) -> int:
-        """Return the number of episodes of each pairing."""
-        return self.each * self.worlds
 
     @property
     def complete(self) -> bool:
@@ -126,13 +121,9 @@ class Evaluation:
         None if no such group has several runs, if there is only one group, or until all pairings are complete. Raises
         TrainingError if two of the policies are the same run, or runs of one seed.
         """
-        return self._groups if self.complete else None
-
-    @functools.cached_property
-    def _groups(self) -> Groups | None:
-        grouped = group_policies(self.chosen)
-        several = len(self.chosen) > len(grouped) > 1
-        return rate_groups(grouped, *self._games(), self.seed) if several else None
+        if self.complete and self._groups is None and len(self.chosen) > len(found := group_policies(self.chosen)) > 1:
+            self._groups = rate_groups(found, *self._games(), self.seed)
+        return self._groups
 
     def estimates(self, policy: str, against: str, side: int | None = None) -> Estimates:
         """Return mean and standard error of each column, for a policy against another one or itself, by their labels.
@@ -164,14 +155,6 @@ class Evaluation:
                 wins[i, j], draws[i, j], wins[j, i] = pairing.won_drawn_lost()
                 draws[j, i] = draws[i, j]
         return wins, draws
-
-    def _check(self) -> None:
-        self.env.reset()
-        check_statistics(self.env, "length", "return")
-        if fewest_sides(self.env.worlds) < ROLES:
-            raise TrainingError(f"{self.scenario.name} has one side only: take a game with two or more")
-        for contender in self.chosen:
-            contender.check(self.env)
 
 
 @checks_keywords
@@ -259,66 +242,67 @@ def play(evaluation: Evaluation, folder: Path | None, hidden: Path | None, *, qu
 
 
 def text(evaluation: Evaluation, width: int | None = None, most: int | None = None) -> str:
-    """Return all tables under a heading; the tables cover the complete pairings.
-
-    width: characters in a line of a table, see envs.text_table. most: policies up to which columns are shown.
-    """
-    if not evaluation.pairings:
-        return "none of the pairings is complete"
-    parts = [_heading(evaluation), _ratings(evaluation), _wins(evaluation, width), _sides(evaluation)]
-    parts += _groups(evaluation, width)
-    if most is not None and len(evaluation.chosen) > most:
-        return "\n\n".join(filter(None, parts))
-    names = list(evaluation.pairings[0].results.figures)
-    results = [name for name in RESULTS if name in names] + [name for name in names if name.startswith("deaths_")]
-    others = [name for name in names if name not in results]
-    parts += [_figures(evaluation, some, width) for some in (results, others)]
-    return "\n\n".join(filter(None, parts))
+    """Return all tables. width: Characters of a line, see text_table. most: Policies up to which columns are shown."""
+    parts = _parts(evaluation, width, most is None or len(evaluation.chosen) <= most)
+    return "\n\n".join(parts) if evaluation.pairings else "none of the pairings is complete"
 
 
-def _heading(evaluation: Evaluation) -> str:
-    """Return the heading: the games played, and the files of policies whose labels do not name them."""
+def _parts(evaluation: Evaluation, width: int | None, columns: bool) -> Iterator[str]:
+    """Yield the heading, with the files of policies whose labels do not name them, and the tables."""
     name, each, worlds = evaluation.scenario.name, evaluation.each, evaluation.worlds
     played = f"{len(evaluation.pairings)} pairings of {evaluation.episodes:,} episodes"
     lines = [f"{name}, seed {evaluation.seed}: {played}, {each} in each of {worlds} worlds"]
     lines += [f"{chosen.label}: {chosen.text}" for chosen in evaluation.chosen if chosen.text != chosen.label]
-    lines += [OVER_GAMES]
-    return "\n".join(lines)
+    yield "\n".join([*lines, OVER_GAMES])
+    if rated := sorted(_rated(evaluation), key=lambda row: -row[1]):
+        cells = [(label, f"{rating:.0f}", f"{error:.0f}") for label, rating, error in rated]
+        yield text_table(cells, ("Elo (mean 1000)", "rating", "std. error"), left=1)
+    labels, found = [contender.label for contender in evaluation.chosen], dict(_rows(evaluation))
+    shares = {pair: with_error(*figures["wins"]) for pair, figures in found.items()}  # a draw counts half
+    rows = [(one, *(shares.get((one, other), "-") for other in labels)) for one in labels]
+    yield text_table(rows, ("wins of, against", *labels), left=1, width=width)
+    yield from _sides(evaluation)
+    yield from _groups(evaluation, width)
+    names = list(evaluation.pairings[0].results.figures)
+    results = [name for name in RESULTS if name in names] + [name for name in names if name.startswith("deaths_")]
+    others = [name for name in names if name not in results]
+    for some in (results, others) if columns else ():
+        rows = [(*pair, *(with_error(*figures[name]) for name in some)) for pair, figures in found.items()]
+        yield text_table(rows, (*FIRST, *some), left=len(FIRST), width=width)
 
 
 def write_tables(evaluation: Evaluation, folder: Path) -> list[Path]:
-    """Write evaluation.json with everything; figures.csv, ratings.csv and groups.csv with the numbers.
-
-    Raises TrainingError.
-    """
+    """Write evaluation.json with everything, and figures.csv, ratings.csv and groups.csv. Raises TrainingError."""
     figures = [(*names, name, *row) for names, rows in _rows(evaluation) for name, row in rows.items()]
+    rated, grouped, pairings = _rated(evaluation), _group_rows(evaluation), []
+    for each in evaluation.pairings:
+        own = [{name: {"mean": m, "error": e} for name, (m, e) in each.estimates(role).items()} for role in (0, 1)]
+        names = [evaluation.chosen[k].label for k in each.pair]
+        pairings.append({"policies": names, "won, drawn, lost": each.won_drawn_lost(), "figures": own})
     everything = {
         **_played(evaluation),
         **{name: getattr(evaluation, name) for name in ("seed", "worlds", "episodes", "complete")},
-        "ratings": [dict(zip(RATED, row, strict=True)) for row in _rated(evaluation)],
-        "groups": [dict(zip(GROUPED, row, strict=True)) for row in _group_rows(evaluation)],
-        "pairings": [_pairing(evaluation, pairing) for pairing in evaluation.pairings],
+        "ratings": [dict(zip(RATED, row, strict=True)) for row in rated],
+        "groups": [dict(zip(GROUPED, row, strict=True)) for row in grouped],
+        "pairings": pairings,
     }
     contents = {
         TABLES: json.dumps(_json(everything), indent=1, allow_nan=False) + "\n",
         FIGURES: csv_text((*FIRST, "figure", "mean", "error"), figures),
-        RATINGS: csv_text(RATED, _rated(evaluation)),
-        GROUPS: csv_text(GROUPED, _group_rows(evaluation)),
+        RATINGS: csv_text(RATED, rated),
+        GROUPS: csv_text(GROUPED, grouped),
     }
     write_files({folder / name: content.encode() for name, content in contents.items()})
     return [folder / name for name in contents]
 
 
 def check_folder(evaluation: Evaluation, folder: Path) -> None:
-    """Raise TrainingError if tables cannot be written, or would replace those of another evaluation.
-
-    An evaluation of another game or of other policies is another one.
-    """
+    """Raise TrainingError if tables cannot be written, or would replace those of another game or of other policies."""
     check_results(folder / name for name in FILES)
     path, now = folder / TABLES, _json(_played(evaluation))
+    cure = "choose another folder with --out, or remove its content"
     if not path.exists():
         return
-    cure = "choose another folder with --out, or remove its content"
     try:
         found = json.loads(read_text(path))
         there = {key: found[key] for key in now}
@@ -330,34 +314,19 @@ def check_folder(evaluation: Evaluation, folder: Path) -> None:
         raise TrainingError(f"{folder} holds another evaluation, of {about}: {cure}")
 
 
-def _ratings(evaluation: Evaluation) -> str:
-    rows = sorted(_rated(evaluation), key=lambda row: -row[1])
-    cells = [(label, f"{rating:.0f}", f"{error:.0f}") for label, rating, error in rows]
-    return text_table(cells, ("Elo (mean 1000)", "rating", "std. error"), left=1) if cells else ""
-
-
-def _wins(evaluation: Evaluation, width: int | None) -> str:
-    """Return shares of episodes that each policy wins against each other; draws count half."""
-    labels = [contender.label for contender in evaluation.chosen]
-    rates = {names: figures["wins"] for names, figures in _rows(evaluation)}
-    rows = [(one, *(with_error(*rates.get((one, other), (np.nan, 0))) for other in labels)) for one in labels]
-    return text_table(rows, ("wins of, against", *labels), left=1, width=width)
-
-
-def _sides(evaluation: Evaluation) -> str:
-    """Describe the pairing whose share of wins depends most on the side played; "" if none does."""
+def _sides(evaluation: Evaluation) -> Iterator[str]:
+    """Describe the pairing whose share of wins depends most on the side played, if one does."""
     found = {}
     for pair, figures in _rows(evaluation):
         (first, one), (second, other) = figures["wins_first"], figures["wins_second"]
         error = np.hypot(one, other) + 2 / evaluation.episodes  # not 0 where all of a few games were won
         if abs(first - second) > CERTAIN * error:
-            found[pair] = abs(first - second), with_error(first, one), with_error(second, other)
-    if not found:
-        return ""
-    most = max(found, key=lambda pair: found[pair][0])
-    wins = "{} against {} wins {} on the first side, {} on the second".format(*most, *found[most][1:])
-    many = len({frozenset(pair) for pair in found})
-    return f"the side matters in {many} of {len(evaluation.pairings)} pairings, see wins_first and wins_second: {wins}"
+            wins = f"wins {with_error(first, one)} on the first side, {with_error(second, other)} on the second"
+            found[pair] = abs(first - second), f"{pair[0]} against {pair[1]} {wins}"
+    if found:
+        many, most = len({frozenset(pair) for pair in found}), max(found.values(), key=lambda entry: entry[0])[1]
+        every = f"{many} of {len(evaluation.pairings)} pairings"
+        yield f"the side matters in {every}, see wins_first and wins_second: {most}"
 
 
 def _groups(evaluation: Evaluation, width: int | None) -> Iterator[str]:
@@ -376,45 +345,33 @@ def _groups(evaluation: Evaluation, width: int | None) -> Iterator[str]:
 
 def _group_tables(evaluation: Evaluation, found: Groups, width: int | None) -> Iterator[str]:
     """Yield the ratings of groups, and their shares of games won."""
-    names = [group.label for group in found.groups]
     ends = {(name, against): (runs, *three) for name, runs, against, _, *three in _group_rows(evaluation)}
-    rows = [
-        (name, str(runs or "-"), f"{elo:.0f}", f"[{low:.0f}, {high:.0f}]")
-        for name, (runs, elo, low, high) in ((name, ends[name, ""]) for name in names)
-    ]
+    names = [group.label for group in found.groups]
+    rated = [(name, *ends[name, ""]) for name in names]
+    rows = [(name, str(runs or "-"), f"{elo:.0f}", f"[{low:.0f}, {high:.0f}]") for name, runs, elo, low, high in rated]
     several = [group for group in found.groups if len(group.members) > 1]
     who = [f"{group.label}: {', '.join(evaluation.chosen[k].label for k in group.members)}" for group in several]
     table = text_table(rows, ("Elo of groups (mean 1000)", "runs", "rating", "95 % interval"), left=1)
     yield "\n".join([table, *who, OVER_SEEDS + ("" if np.isfinite(found.ratings).all() else UNBOUNDED)])
-    wins = {names: "{1:.3f} [{2:.3f}, {3:.3f}]".format(*own) for names, own in ends.items()}
-    shares = [(one, *("-" if one == other else wins[one, other] for other in names)) for one in names]
+    wins = {pair: "{1:.3f} [{2:.3f}, {3:.3f}]".format(*own) for pair, own in ends.items()}
+    shares = [(one, *(wins.get((one, other), "-") for other in names)) for one in names]
     yield text_table(shares, ("wins of group, against", *names), left=1, width=width)
 
 
 def _group_rows(evaluation: Evaluation) -> list[tuple[Any, ...]]:
     """Return the rows of groups.csv; none without a table of groups."""
     try:
-        found = evaluation.groups()
-    except TrainingError:
-        found = None  # the report gives the reason
-    if found is None:
+        if (found := evaluation.groups()) is None:
+            return []
+    except TrainingError:  # the report gives the reason
         return []
-    rows: list[tuple[Any, ...]] = []
+    rows = list[tuple[Any, ...]]()
     for g, group in enumerate(found.groups):
         first = (group.label, len(group.members) if group.trained else 0)
         rows.append((*first, "", "elo", *(float(ends[g]) for ends in found.ratings)))
-        rows += [
-            (*first, other.label, "wins", *(float(ends[g, h]) for ends in found.wins))
-            for h, other in enumerate(found.groups)
-            if g != h
-        ]
+        others = [(h, other.label) for h, other in enumerate(found.groups) if g != h]
+        rows += [(*first, label, "wins", *(float(ends[g, h]) for ends in found.wins)) for h, label in others]
     return rows
-
-
-def _figures(evaluation: Evaluation, names: Sequence[str], width: int | None) -> str:
-    known = [name for name in names if name in evaluation.pairings[0].results.figures]
-    rows = [(*pair, *(with_error(*figures[name]) for name in known)) for pair, figures in _rows(evaluation)]
-    return text_table(rows, (*FIRST, *known), left=len(FIRST), width=width)
 
 
 def _rated(evaluation: Evaluation) -> list[tuple[str, float, float]]:
@@ -436,12 +393,6 @@ def _played(evaluation: Evaluation) -> dict[str, Any]:
     """Return the description that distinguishes evaluations."""
     policies = [{"label": chosen.label, "policy": chosen.text} for chosen in evaluation.chosen]
     return {"scenario": fingerprint(evaluation.scenario), "policies": policies}
-
-
-def _pairing(evaluation: Evaluation, pairing: Pairing) -> dict[str, Any]:
-    names = [evaluation.chosen[k].label for k in pairing.pair]
-    figures = [{name: {"mean": m, "error": e} for name, (m, e) in pairing.estimates(role).items()} for role in (0, 1)]
-    return {"policies": names, "won, drawn, lost": pairing.won_drawn_lost(), "figures": figures}
 
 
 def _json(value: Any) -> Any:

@@ -30,14 +30,17 @@ class Contender:
     player: Player of a checkpoint; None for any other policy.
     """
 
-    def __init__(self, label: str, policy: str | Policy) -> None:
-        """Take a name, the path of a checkpoint, or a function (observations) -> actions. Raises TrainingError."""
+    def __init__(self, label: str, policy: str | Policy, seed: int | None = None) -> None:
+        """Take a name, the path of a checkpoint, or a function (observations) -> actions. Raises TrainingError.
+
+        seed: Seed of a policy that a function of the user's makes, in place of that of `act`.
+        """
         self.label, self.player = label, policy if isinstance(policy, Player) else None
         self.text = policy if isinstance(policy, str) else getattr(policy, "__name__", type(policy).__name__)
         self._function = None if isinstance(policy, (str, Player)) else policy
         if isinstance(policy, str) and not (policy in POLICIES or is_own(policy)):
             self.player = Player(policy)
-        self._make = maker(self.player or policy)
+        self._make, self._seed = maker(self.player or policy), seed
 
     @property
     def foreign(self) -> bool:
@@ -58,7 +61,7 @@ class Contender:
         """
         player = self.player
         if player is None:
-            play = self._make(env, seed)
+            play = self._make(env, seed if self._seed is None else self._seed)
             if self._function is not None or is_own(self.text):
                 play = self._checked(play, env)
             return lambda seen, indices: np.asarray(play(seen)[indices])

@@ -3,41 +3,48 @@
 Every part can be stopped at any time and continued: files in the folder are always complete.
 """
 
+import itertools
+import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from outlast.ecs.kernels.errors import OutlastError
 from outlast.envs.errors import ActionError
-from outlast.envs.rollout.saved import checkpoints
+from outlast.envs.rollout.lineup import parse_lineup
+from outlast.envs.rollout.saved import checkpoints, is_saved
 from outlast.envs.storage.folder_lock import FolderLock
 
 from ..arena.players import Contender
 from ..base import log_file, policy_file
-from ..base.config import FAST, TrainingConfig
+from ..base.config import FAST, IMITATED, OPPONENTS, TrainingConfig, parse_warm_start
+from ..base.config import SELF as OWN
 from ..base.errors import TrainingError
 from ..base.files import write_files
+from ..base.presets import preset
 from ..policies.player import weights_of
 from ..runs.run import TrainingRun
-from .agents import Agent, Made
 from .games import SUFFIX, digest, play
-from .manifest import Manifest
-from .policy_facts import STEPS, agent_config, described, response_config
-from .result import AGENT, NAME, NUMBERS, SELF, Content, Pairing, Result, share
+from .manifest import Agent, Manifest
+from .result import AGENT, KINDS, NAME, NUMBERS, SELF, Content, Pairing, is_count, made, read, share, write_json
 from .situations import passed
 from .suite import suite
-from .tasks import Task, TaskGame
+from .tasks import PROTOCOL, Task, check_training_seed
 
-RATES = {"fast": 120_000, "original": 5_000, "paper": 5_000, "scaled": 5_000}  # agent-steps a second on one core
-TRAINING, RESPONDING = "training", "responding"  # folders of runs
+RATE, SLOW = 120_000, 5_000  # agent-steps a second on one core, of preset fast and of all others
+TRAINING, RESPONDING = "training", "responding-"  # folders of runs; of best responses, with their kind
+STEPS = "steps"
 Progress = Callable[[int, str], None]  # work done, in agent-steps of training; and a description of the current work
 
 
 @dataclass(frozen=True)
 class Entry:
-    """The work for an agent with a seed in a task.
+    """An agent with a seed in a task: what is planned, and its result in the folder RESULTS/AGENT/TASK/SEED.
 
     threads: Threads of training; 0: the default of `outlast.train`.
     """
@@ -48,218 +55,277 @@ class Entry:
     seed: int
     threads: int = 0
 
+    def __str__(self) -> str:
+        return f"{self.name} {self.task.name} {self.seed}"
+
     @property
     def agent(self) -> Agent:
         """The agent."""
         return self.manifest.agents[self.name]
 
-    def __str__(self) -> str:
-        return f"{self.name} {self.task.name} {self.seed}"
-
     @property
     def folder(self) -> Path:
-        """The folder of its result."""
-        return self.manifest.folder_of(self.name, self.task, self.seed)
-
-    def config(self) -> TrainingConfig:
-        """Return the config of its training. Raises TrainingError."""
-        content = self.manifest.content
-        return agent_config(self.task, self.agent, self.seed, content["budget"], content["checkpoints"], self.threads)
-
-    @property
-    def planned(self) -> list[Pairing]:
-        """All its matches."""
-        return self.manifest.planned(self.agent, self.task, self.seed)
+        """The folder of its result, policies and matches."""
+        return self.manifest.folder / self.name / self.task.name / str(self.seed)
 
     @property
     def first(self) -> bool:
-        """Return whether its seed is the first one, which alone is tried in situations."""
+        """Return whether its seed is the first one, which alone has best responses and is tried in situations."""
         return bool(self.seed == self.manifest.content["seeds"][0])
 
     @property
-    def responses(self) -> dict[str, int]:
-        """The longest training of each kind of best response, agent-steps."""
-        names = (name.split() for name in self.manifest.responses(self.agent, self.seed))
-        return {kind: max(self.manifest.content["responses"]) for kind, _ in names}
+    def candidates(self) -> int:
+        """The number of checkpoints from which the validation chooses."""
+        return int(self.manifest.content["checkpoints"]) if self.agent.trained else 1
 
     @property
-    def training(self) -> int:
-        """The agent-steps of its training; 0 for an agent that exists."""
-        return self.config().total if self.agent.trained else 0
+    def responses(self) -> list[str]:
+        """The planned best responses, "scratch 5000000"; functions have none."""
+        steps = self.manifest.content["responses"] if self.first and not self.agent.function else []
+        return [f"{kind} {each}" for kind in KINDS for each in steps]
+
+    @cached_property
+    def planned(self) -> list[Pairing]:
+        """All matches: validations, tests against itself and the suite, also with mates, and against other agents."""
+        known, task, trained = suite(self.task), self.task, self.task.tests[0].name
+        against = known.validators if self.candidates > 1 else []
+        matches = [Pairing(task.validation.name, name, candidate=k) for k in range(self.candidates) for name in against]
+        matches += [Pairing(game.name, name) for game in task.tests for name in (SELF, *known.members)]
+        mates = itertools.product(known.mates, known.mates) if task.mates else ()
+        matches += [Pairing(trained, name, mate) for mate, name in mates]
+        agents = [AGENT + other for one, other in self.manifest.content["pairs"] if one == self.name]
+        return [*matches, *(Pairing(trained, name) for name in (*self.responses, *agents))]
+
+    def games(self, pairing: Pairing) -> int:
+        """Return the number of games of a match: of a validation, a tenth of a test's, and even."""
+        games = int(self.manifest.content["games"])
+        return games if pairing.candidate < 0 else max(2, games // 20 * 2)
+
+    @cached_property
+    def content(self) -> Content:
+        """The content of its result.json; one without any work if there is none. Raises TrainingError."""
+        path, named = self.folder / NAME, {"agent": self.name, "task": self.task.name, "seed": self.seed}
+        named["manifest"] = self.manifest.digest
+        if not path.exists():
+            work: Content = {"candidates": [], "policy": None, "responses": {}, "matches": [], "situations": None}
+            return {"version": PROTOCOL, "made": made(), **named, **work}
+        found = read(path)
+        for key, own in named.items():
+            if found[key] != own:
+                wrong = f"{path} has {key} {found[key]!r:.80}, not {own!r}"
+                raise TrainingError(f"{wrong}: it belongs to another manifest.json; choose another folder")
+        return found
 
     @property
-    def work(self) -> int:
-        """All the work, in agent-steps of training: of trainings, and for matches as many as take the same time."""
-        return self.training + sum(self.responses.values()) + sum(map(self.match_work, self.planned))
+    def matches(self) -> dict[Pairing, Content]:
+        """The matches that were played."""
+        return {Pairing.of(match): match for match in self.content["matches"]}
 
-    def match_work(self, pairing: Pairing) -> int:
-        """Return the work of a match: the agent-steps of training that take about the same time."""
-        return 800 * self.manifest.games(pairing) * int(self.task.scenario.numbers()["agents_count"])
+    def policy(self, candidate: int = -1) -> Path:
+        """Return the file of its policy, or of a candidate; it does not exist for a function."""
+        return self.folder / f"{'policy' if candidate < 0 else f'candidate-{candidate}'}{policy_file.SUFFIX}"
 
-    def done(self) -> int:
-        """Return the part of `work` that is done, judging by the files in the folder."""
-        names = (TRAINING, *(f"{RESPONDING}-{kind}" for kind in self.responses))
-        logs = sum(log_file.last_step(self.folder / name / log_file.NAME) for name in names)
-        there = {path.name for path in self.folder.glob(f"*{SUFFIX}")}
-        return logs + sum(self.match_work(pairing) for pairing in self.planned if pairing.file in there)
+    def response(self, name: str) -> Path:
+        """Return the file of a best response."""
+        return self.folder / f"response-{name.replace(' ', '-')}{policy_file.SUFFIX}"
 
-    def seconds(self) -> float:
-        """Return the estimated seconds on one core of a machine like that of docs/performance.md."""
-        rate = RATES.get(self.agent.source, RATES[FAST])
-        return self.training / rate + (self.work - self.training) / RATES[FAST]
+    def write(self) -> None:
+        """Write its result, completely or not at all. Raises TrainingError."""
+        write_json(self.folder / NAME, self.content)
+
+    def check_planned(self) -> None:
+        """Raise TrainingError for matches that were not planned: nobody may choose among several plans afterwards."""
+        if self.content["policy"] is None and any(pairing.candidate < 0 for pairing in self.matches):
+            raise TrainingError(f"{self} has tests, but no policy that was chosen for them")
+        responses = (name for name in self.content["responses"] if name not in self.responses)
+        if more := [*responses, *(pairing for pairing in self.matches if pairing not in self.planned)]:
+            raise TrainingError(f"{self}: {more[0]} is not in the manifest")
+        for pairing, match in self.matches.items():
+            if (games := sum(match[name] for name in NUMBERS)) != self.games(pairing):
+                raise TrainingError(f"{self}: {pairing} has {games} games, and {self.games(pairing)} are planned")
+
+    def chosen(self) -> int:
+        """Return the number of the candidate that won most games in the validation; the last of equal ones."""
+        shares = np.zeros(len(self.content["candidates"]))
+        for pairing, match in self.matches.items():
+            if 0 <= pairing.candidate < len(shares):
+                shares[pairing.candidate] += share(match)
+        return int(len(shares) - 1 - shares[::-1].argmax())
+
+    def contender(self, candidate: int = -1) -> Contender:
+        """Return its policy, or a candidate. Raises TrainingError, ScenarioError."""
+        if self.agent.function:
+            return Contender(self.name, self.agent.place(self.task.name, self.seed), seed=self.seed)
+        return Contender(self.name, str(self.policy(candidate)))
+
+    def rival(self, name: str) -> "Entry":
+        """Return the entry of another agent with the same seed. name: Its name as an opponent."""
+        return replace(self, name=name.removeprefix(AGENT))
+
+    def others(self, pairing: Pairing, rival: Callable[["Entry"], Contender | None]) -> Iterator[Contender | None]:
+        """Yield the other policies of a match, in the order of `games.play`. rival: Returns that of another entry."""
+        members = suite(self.task).members
+        for name in (pairing.against, pairing.mate):
+            if name in members:
+                yield members[name].contender()
+            elif name != SELF:
+                agent = name.startswith(AGENT)
+                yield rival(self.rival(name)) if agent else Contender(name, str(self.response(name)))
+
+    @cached_property
+    def config(self) -> TrainingConfig:
+        """The config of its training. Raises TrainingError."""
+        own = self.manifest.content
+        return self.agent.config(self.task, self.seed, own["budget"], own["checkpoints"], self.threads)
+
+    @property
+    def shares(self) -> list[int]:
+        """The agent-steps after which its training gives each candidate."""
+        return [min(self.config.steps, self.config.every * (k + 1)) for k in range(self.candidates)]
+
+    def work(self) -> tuple[int, int, float]:
+        """Return the work that is done, judging by the files in the folder, all work, and the estimated seconds of all.
+
+        It is counted in agent-steps of training; for a match, in as many as take about the same time. Seconds are those
+        on one core of a machine like that of docs/performance.md.
+        """
+        training = self.config.total if self.agent.trained else 0
+        runs = {TRAINING: training} | {RESPONDING + kind: int(steps) for kind, steps in map(str.split, self.responses)}
+        each = 800 * int(self.task.scenario.numbers()["agents_count"])
+        games = {pairing.file: each * self.games(pairing) for pairing in self.planned}
+        done = sum(log_file.last_step(self.folder / name / log_file.NAME) for name in runs)
+        done += sum(games.get(path.name, 0) for path in self.folder.glob(f"*{SUFFIX}"))
+        rest = sum((*runs.values(), *games.values())) - training
+        return done, training + rest, training / (RATE if self.agent.source == FAST else SLOW) + rest / RATE
 
 
 def entries_of(manifest: Manifest, only: str = "", threads: int = 0) -> list[Entry]:
-    """Return the entries of a manifest, or those whose names begin with the words in `only`: "fast ffa_2-v2 0".
-
-    Raises TrainingError: there are none.
-    """
-    every = [Entry(manifest, agent, task, seed, threads) for agent, task, seed in manifest.entries()]
-    chosen = [entry for entry in every if f"{entry} ".startswith(f"{only.strip()} ".lstrip())]
-    if not chosen:
-        raise TrainingError(f"no entry begins with the words {only!r}: they are {', '.join(map(str, every))}")
-    return chosen
-
-
-def seats(
-    result: Result, task: Task, pairing: Pairing, own: Contender | None, rival: Callable[[str], Contender | None]
-) -> list[Contender | None]:
-    """Return the policies of a match, in the order of `games.play`. Raises TrainingError for unknown names.
-
-    own: The agent. rival: Returns another agent of the manifest by its name, which plays this task with the same seed.
-    """
-
-    def named(name: str) -> Contender | None:
-        if name in suite(task).members:
-            return suite(task).members[name].contender()
-        if name.startswith(AGENT):
-            return rival(name.removeprefix(AGENT))
-        if name not in result.content["responses"]:
-            raise TrainingError(f"neither the suite of {task.name} nor the plan has an opponent {name}")
-        return Contender(name, str(result.response(name)))
-
-    others = [named(name) for name in (pairing.against, pairing.mate) if name != SELF]
-    if pairing.against == SELF and pairing.mate != SELF:
-        raise TrainingError(f"{pairing}: an agent does not meet itself with other mates")
-    return [own, *others]
-
-
-def game_of(task: Task, name: str) -> TaskGame:
-    """Return a game of a task. Raises TrainingError."""
-    found = [game for game in task.games if game.name == name]
+    """Return the entries whose names begin with these words, "fast ffa_2-v2 0". Raises TrainingError: none do."""
+    named = itertools.product(manifest.agents, manifest.tasks, manifest.content["seeds"])
+    every = [Entry(manifest, agent, task, seed, threads) for agent, task, seed in named]
+    found = [entry for entry in every if f"{entry} ".startswith(f"{only.strip()} ".lstrip())]
     if not found:
-        raise TrainingError(f"{task.name} has no game '{name}'")
-    return found[0]
+        raise TrainingError(f"no entry begins with the words {only!r}: they are {', '.join(map(str, every))}")
+    return found
 
 
-def chosen(result: Result) -> int:
-    """Return the number of the candidate that won most games in the validation; the last of equal ones."""
-    shares = np.zeros(len(result.content["candidates"]))
-    for pairing, match in result.matches.items():
-        if 0 <= pairing.candidate < len(shares):
-            shares[pairing.candidate] += share(match)
-    return int(len(shares) - 1 - shares[::-1].argmax())
+def described(path: Path, task: Task) -> Content:
+    """Describe a policy that plays a task.
+
+    "of_task": whether all of its training was in the task's game, without chosen levels, numbers that changed, or
+    weights or actions of a saved policy. "met": the members of the suite that it was trained against, or that taught
+    it. Raises TrainingError: the file is not a policy, or was trained from a seed that evaluation uses.
+    """
+    header = policy_file.read_header(path, (STEPS, "scenario", "preset"))
+    plan = header.get("plan", {})
+    if not is_count(seed := plan.get("seed", 0)):
+        raise TrainingError(f"{path} says that it was trained with seed {seed!r:.40}: an integer is needed")
+    check_training_seed(seed)
+    teacher, _ = parse_warm_start(plan.get("warm_start", ""))
+    changed = plan.get("levels") or plan.get("anneal") or is_saved(teacher)
+    of_task = not changed and not preset(header["preset"]).difference(header["scenario"], task.scenario)
+    known = {Path(name).stem for name in (*opponents_in(plan), teacher)}
+    met = [name for name in suite(task).members if name in known]
+    return {"digest": digest(path), STEPS: header[STEPS], "of_task": of_task, "met": met}
 
 
-def _after(paths: Sequence[Path], steps: int) -> Path:
-    """Return the first of these checkpoints that has at least `steps` agent-steps."""
-    return next(path for path in paths if int(path.stem.rpartition("_")[2]) >= steps)
+def opponents_in(plan: Content) -> dict[str, float]:
+    """Return the opponents in the plan of a training, with their weights."""
+    return parse_lineup(plan.get("opponents") or OWN, OPPONENTS)
+
+
+def response_config(task: Task, seed: int, kind: str, steps: int, policy: Path, threads: int = 0) -> TrainingConfig:
+    """Return the config for training a best response to a policy. Raises TrainingError if that is impossible.
+
+    It begins with random weights ("scratch"), or with the policy's own ("self"), which is imitated if its file lacks
+    the critic, or its networks or memory are not those of preset fast.
+    """
+    warm = ""
+    if kind == "self":
+        header, policies = policy_file.read(policy)
+        same = header["preset"] == FAST and not header["memory"] and not header["state"] and not header.get("networks")
+        critic = len(policies) == 1 and any(name.startswith(policy_file.CRITIC) for name in policies[0])
+        warm = str(policy) if same and critic else f"{policy}:{IMITATED}"
+    opponents = {str(policy): 1.0}
+    more: dict[str, Any] = {"opponents": opponents, "warm_start": warm, "threads": threads, "every": 5_000_000}
+    return TrainingConfig(task.scenario, FAST, steps, seed, **more)
+
+
+def most_steps(steps: int) -> int:
+    """Return the most agent-steps of a training that is planned with `steps`: only whole rollouts are collected."""
+    return int(1.01 * steps) + 2**16
 
 
 class EntryRun:
     """Training of an entry's agent, and its matches."""
 
     def __init__(self, entry: Entry, progress: Progress = lambda done, text: None) -> None:
-        """Begin, or continue the work in the folder. Raises TrainingError if the folder holds another entry."""
+        """Begin, or continue the work in the folder."""
         self.entry, self.progress = entry, progress
-        self.result = self._there()
 
-    def _there(self) -> Result:
-        return self.entry.manifest.result(self.entry.name, self.entry.task, self.entry.seed)
-
-    def run(self) -> Result:
+    def run(self) -> Entry:
         """Do all remaining work. Ctrl-C saves, and is raised. Raises TrainingError."""
-        with self._alone():
-            self.result = self._there()  # another process may have continued it
-            self._enter()
-            for pairing in self.entry.planned:
-                if pairing.candidate < 0 and self.result.content["policy"] is None:
-                    self._choose()
-                if pairing not in self.result.matches and self._ready(pairing):
-                    self._play(pairing)
-            if self.entry.first and self.result.content["situations"] is None:
-                self.result.content["situations"] = passed(self.entry.task.scenario, self._agent(-1))
-                self.result.write()
-        return self.result
-
-    @contextmanager
-    def _alone(self) -> Iterator[None]:
-        """Create the folder and lock it against other processes."""
-        folder = self.entry.folder
-        lock = FolderLock(folder, "plays this entry", (NAME, f"*{policy_file.SUFFIX}", f"*{SUFFIX}"))
+        lock = FolderLock(self.entry.folder, "plays this entry", (NAME, f"*{policy_file.SUFFIX}", f"*{SUFFIX}"))
         try:
             lock.acquire()
-        except BlockingIOError as error:
-            raise TrainingError(str(error)) from None
         except OSError as error:
-            raise TrainingError(f"{folder} cannot be a folder: {error.strerror}; choose another folder") from error
+            raise TrainingError(str(error)) from error
         try:
-            yield
+            entry = self.entry = replace(self.entry)  # another process may have continued it
+            self._enter()
+            for pairing in entry.planned:
+                if pairing.candidate < 0 and entry.content["policy"] is None:
+                    write_files({entry.policy(): entry.policy(entry.chosen()).read_bytes()})
+                    entry.content["policy"] = entry.content["candidates"][entry.chosen()]
+                    entry.write()
+                if pairing not in entry.matches:
+                    self._play(pairing)
+            if entry.first and entry.content["situations"] is None:
+                with self._named("situations"):
+                    entry.content["situations"] = passed(entry.task.scenario, entry.contender())
+                entry.write()
         finally:
             lock.release()
+        return entry
+
+    @contextmanager
+    def _named(self, what: str) -> Iterator[None]:
+        """Name the entry in errors of users' functions, and the line of the function. Raises TrainingError."""
+        try:
+            yield
+        except ActionError as error:
+            raise TrainingError(f"{self.entry}, {what}: {error}") from error
+        except OutlastError:
+            raise
+        except Exception as error:
+            task, seed, agents = self.entry.task.name, self.entry.seed, self.entry.manifest.agents.values()
+            files = {own.file(task, seed).resolve() for own in agents if own.function}
+            frames = [own for own in traceback.extract_tb(error.__traceback__) if Path(own.filename).resolve() in files]
+            if not frames:
+                raise
+            where = f"{frames[-1].filename}, line {frames[-1].lineno}"
+            raise TrainingError(f"{self.entry}, {what}: {where}: {type(error).__name__}: {error}") from error
 
     def _enter(self) -> None:
         """Put the candidates into the folder: train them, or copy a policy, which must be the one that played."""
-        content, agent, count = self.result.content, self.entry.agent, len(self.result.content["matches"])
-        before = content["policy"], content["candidates"]
+        entry, content, agent = self.entry, self.entry.content, self.entry.agent
+        place = entry.task.name, entry.seed
+        before, count = (content["policy"], content["candidates"]), len(content["matches"])
         if agent.function:
-            content["policy"] = {"digest": digest(self._made().file), STEPS: None, "of_task": False, "met": []}
+            content["policy"] = {"digest": digest(agent.file(*place)), STEPS: None, "of_task": False, "met": []}
             if count and content["policy"] != before[0]:
-                raise TrainingError(
-                    f"{self._made().file} is not the function of {count} matches in {self.entry.folder}"
-                )
-        elif not before[1] or not (count or agent.trained):
-            paths = self._trained() if agent.trained else [self._saved()]
-            content["candidates"] = [self._keep(path, self.result.policy(k)) for k, path in enumerate(paths)]
-        else:
-            for k, known in enumerate(before[1]):
-                path = self.result.policy(k)
-                if not path.exists() and not agent.trained:
-                    self._keep(self._saved(), path)
-                if not path.exists():
-                    raise TrainingError(f"{path} is missing: put it back, or delete {NAME} beside it to begin anew")
-                if digest(path) != known["digest"]:
-                    raise TrainingError(f"{path} is not the candidate that {NAME} beside it describes")
+                raise TrainingError(f"{agent.file(*place)} is not the function of {count} matches in {entry.folder}")
+        elif agent.trained and not before[1]:
+            paths = self._train(entry.config, TRAINING, entry.shares)
+            content["candidates"] = [self._keep(path, entry.policy(k)) for k, path in enumerate(paths)]
+        elif not agent.trained and not count:
+            content["candidates"] = [self._keep(agent.file(*place), entry.policy(0))]
+        for k, known in enumerate(content["candidates"]):
+            if not (path := entry.policy(k)).exists() or digest(path) != known["digest"]:
+                cure = f"put it back, or delete {NAME} beside it to begin anew"
+                raise TrainingError(f"{path} is missing, or not the candidate that {NAME} describes: {cure}")
         if (content["policy"], content["candidates"]) != before:
-            self.result.write()
-
-    def _choose(self) -> None:
-        """Choose the policy, when all candidates are validated."""
-        best = chosen(self.result)
-        write_files({self.result.policy(): self.result.policy(best).read_bytes()})
-        self.result.content["policy"] = self.result.content["candidates"][best]
-        self.result.write()
-
-    def _ready(self, pairing: Pairing) -> bool:
-        """Return whether the opponent is there: another agent may not have been run yet."""
-        name = pairing.against.removeprefix(AGENT)
-        return name == pairing.against or self._other(name).content["policy"] is not None
-
-    def _other(self, name: str) -> Result:
-        """Return the result of another agent of the manifest."""
-        return self.entry.manifest.result(name, self.entry.task, self.entry.seed)
-
-    def _trained(self) -> list[Path]:
-        """Train the agent. Return its checkpoints after equal shares of the training."""
-        config, count = self.entry.config(), self.entry.manifest.candidates(self.entry.agent)
-        every = self._train(config, TRAINING)
-        return [_after(every, min(config.steps, config.every * (k + 1))) for k in range(count)]
-
-    def _saved(self) -> Path:
-        return self.entry.agent.policy(self.entry.task.name, self.entry.seed)
-
-    def _made(self) -> Made:
-        return self.entry.agent.made(self.entry.task.name, self.entry.seed)
+            entry.write()
 
     def _keep(self, path: Path, kept: Path) -> Content:
         """Copy a policy, of a checkpoint with weights in half precision; return its entry in the result."""
@@ -267,49 +333,34 @@ class EntryRun:
         write_files({kept: path.read_bytes() if saved else policy_file.content(*weights_of(path))})
         return described(kept, self.entry.task)
 
-    def _train(self, config: TrainingConfig, name: str) -> list[Path]:
-        """Begin or continue a training; return its checkpoints."""
+    def _train(self, config: TrainingConfig, name: str, after: Sequence[int]) -> list[Path]:
+        """Begin or continue a training; return its first checkpoints after so many agent-steps."""
         folder = self.entry.folder / name
         run = TrainingRun(config, folder, resume=folder.exists())
-        run.train(lambda run: self.progress(self.entry.done(), f"{name}: {run.now}"))
-        return checkpoints(folder)
-
-    def _agent(self, candidate: int) -> Contender:
-        if self.entry.agent.function:
-            return self._made()
-        return Contender(self.entry.name, str(self.result.policy(candidate)))
-
-    def _rival(self, name: str) -> Contender:
-        """Return another agent of the manifest."""
-        return EntryRun(Entry(self.entry.manifest, name, self.entry.task, self.entry.seed))._agent(-1)
+        run.train(lambda run: self.progress(self.entry.work()[0], f"{name}: {run.now}"))
+        found = [(int(path.stem.rpartition("_")[2]), path) for path in checkpoints(folder)]
+        return [next(path for done, path in found if done >= steps) for steps in after]
 
     def _play(self, pairing: Pairing) -> None:
-        """Play a match, and enter it."""
-        entry, opponent = self.entry, ""
-        if pairing.against.startswith(AGENT):
-            opponent = self._other(pairing.against.removeprefix(AGENT)).content["policy"]["digest"]
-        elif pairing.against in entry.manifest.responses(entry.agent, entry.seed):
-            self._respond(pairing.against)
-        self.progress(entry.done(), str(pairing))
-        policies = seats(self.result, entry.task, pairing, self._agent(pairing.candidate), self._rival)
-        try:
-            played = play(game_of(entry.task, pairing.game), policies, entry.manifest.games(pairing))
-        except ActionError as error:
-            raise TrainingError(f"{entry}, {pairing}: {error}") from error
+        """Play a match, for which a best response may have to be trained, and enter it."""
+        entry, name, opponent = self.entry, pairing.against, ""
+        if name.startswith(AGENT):
+            if (policy := entry.rival(name).content["policy"]) is None:
+                return  # it has not been run yet
+            opponent = policy["digest"]
+        elif name in entry.responses and name not in entry.content["responses"]:
+            kind, steps = name.split()
+            longest = max(entry.manifest.content["responses"])
+            config = response_config(entry.task, entry.seed, kind, longest, entry.policy(), entry.threads)
+            (path,) = self._train(config, RESPONDING + kind, [int(steps)])
+            entry.content["responses"][name] = self._keep(path, entry.response(name))
+            entry.write()
+        self.progress(entry.work()[0], str(pairing))
+        with self._named(str(pairing)):
+            policies = [entry.contender(pairing.candidate), *entry.others(pairing, Entry.contender)]
+            played = play(entry.task.games[pairing.game], policies, entry.games(pairing))
         moves = played.moves.write(entry.folder / pairing.file)
-        figures = played.outcome.pop("figures") if pairing.against == SELF else {}
+        figures = played.outcome.pop("figures") if name == SELF else {}
         match = pairing._asdict() | {"opponent": opponent, "moves": moves, "figures": figures}
-        self.result.content["matches"].append(match | {name: played.outcome[name] for name in NUMBERS})
-        self.result.write()
-
-    def _respond(self, name: str) -> None:
-        """Train a best response to the policy, and keep its checkpoint after the agent-steps in its name."""
-        if name in self.result.content["responses"]:
-            return
-        kind, steps = name.split()
-        path, longest = self.result.policy(), self.entry.responses[kind]
-        config = response_config(self.entry.task, self.entry.seed, kind, longest, path, self.entry.threads)
-        every = self._train(config, f"{RESPONDING}-{kind}")
-        kept = self._keep(_after(every, int(steps)), self.result.response(name))
-        self.result.content["responses"][name] = kept
-        self.result.write()
+        entry.content["matches"].append(match | {key: played.outcome[key] for key in NUMBERS})
+        entry.write()

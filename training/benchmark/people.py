@@ -5,7 +5,6 @@ The opponent is the one that the recording names. That a person steered the agen
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -19,18 +18,20 @@ from outlast.envs.scenarios.fingerprint import difference, fingerprint, is_word
 from ..arena.ratings import anchored
 from ..base.errors import TrainingError
 from .games import digest
-from .result import NUMBERS, Content, is_count, is_digest, is_name, read_json, write_json, wrong_with_parts
+from .result import NUMBERS, Content, is_count, is_digest, is_name, read_json, write_json
 from .suite import suite
 from .tasks import PROTOCOL, tasks
 
 NAME = "people.json"
+GAMES = {"name": is_name, "recording": is_digest, "task": is_word, "opponent": is_word}
+FORM = {"version": PROTOCOL, "games": [GAMES | dict.fromkeys(NUMBERS, is_count)]}
 
 
 def add(folder: Path, name: str, recordings: Sequence[Path]) -> list[Content]:
     """Add the games in recordings to the file of people in a folder, and return all games in it.
 
-    name: Name of the person, or of a group. Raises TrainingError: a recording is not of a task, or is there already, or
-    its opponent is not in the suite. Raises RecordingError: it cannot be replayed.
+    name: Of the person, or of a group. Raises TrainingError: a recording is not of a task, or is there already, or its
+    opponent is not in the suite. Raises RecordingError: it cannot be replayed.
     """
     if not is_name(name):
         raise TrainingError(f"{name!r} must consist of letters, digits and . _ - +")
@@ -46,7 +47,12 @@ def add(folder: Path, name: str, recordings: Sequence[Path]) -> list[Content]:
 
 def read(folder: Path) -> list[Content]:
     """Return the games in the file of people in a folder; none without a file. Raises TrainingError."""
-    return list(read_json(folder / NAME, _wrong)["games"]) if (folder / NAME).exists() else []
+    games = list(read_json(folder / NAME, FORM)["games"]) if (folder / NAME).exists() else []
+    for each in games:
+        known = each["task"] in tasks() and each["opponent"] in suite(tasks()[each["task"]]).members
+        if not known or not sum(each[key] for key in NUMBERS):
+            raise TrainingError(f"{folder / NAME}: these are no games against the suite of a task: {each!r:.200}")
+    return games
 
 
 def rows(games: Sequence[Content]) -> list[tuple[str, ...]]:
@@ -54,14 +60,10 @@ def rows(games: Sequence[Content]) -> list[tuple[str, ...]]:
     found = list[tuple[str, ...]]()
     for name, task in sorted({(each["name"], each["task"]) for each in games}):
         own = [each for each in games if (each["name"], each["task"]) == (name, task)]
-        known = {other: member.rating for other, member in suite(tasks()[task]).members.items()}
-        opponents = sorted({each["opponent"] for each in own})
-        won, drawn, lost = (
-            np.array([[sum(each[key] for each in own if each["opponent"] == other) for other in opponents]])
-            for key in NUMBERS
-        )
-        ratings = [known[other] for other in opponents]
-        rating = "not rated"
+        opponents, known = sorted({each["opponent"] for each in own}), suite(tasks()[task]).members
+        of = [[each for each in own if each["opponent"] == other] for other in opponents]
+        won, drawn, lost = (np.array([[sum(each[key] for each in met) for met in of]]) for key in NUMBERS)
+        ratings, rating = [known[other].rating for other in opponents], "not rated"
         if None not in ratings:
             (elo,), (error,) = anchored(won, drawn, lost, np.array(ratings, np.float64))
             rating = f"{elo:.0f} ± {error:.0f}"
@@ -76,9 +78,8 @@ def _played(path: Path) -> Content:
     played = recording.header.get("played")
     if played is None:
         raise TrainingError(f"{path} does not say who played: record it by `outlast play --record`")
-    task = [
-        each for each in tasks().values() if not difference(recording.header["scenario"], fingerprint(each.scenario))
-    ]
+    given = recording.header["scenario"]
+    task = [each for each in tasks().values() if not difference(given, fingerprint(each.scenario))]
     if not task:
         raise TrainingError(f"{path} is of {recording.scenario.name}, which is no task: play the game of one, as ffa_2")
     if played["others"] not in suite(task[0]).members:
@@ -103,15 +104,3 @@ def _outcomes(replay: Replay, agent: int) -> list[float]:
             found.append(float(own_wins(standings.of(row), side(worlds)[:, agent])[0]))
     replay.close()
     return found
-
-
-def _wrong(content: Content) -> str:
-    """Return the fault in the content of the file; "" if it is valid."""
-
-    def sound(each: Any) -> bool:
-        numbers = [each[name] for name in NUMBERS]
-        words = is_name(each["name"]) and is_word(each["opponent"]) and is_digest(each["recording"])
-        counts = all(map(is_count, numbers)) and sum(numbers) > 0
-        return words and counts and each["task"] in tasks() and each["opponent"] in suite(tasks()[each["task"]]).members
-
-    return wrong_with_parts(content, {"games": lambda given: isinstance(given, list) and all(map(sound, given))})

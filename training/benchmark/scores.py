@@ -4,6 +4,8 @@ A value is a dict with a "status", and with "mean", "low", "high" (95 % bootstra
 something was measured. What was not measured has no number, and never counts as 0.
 """
 
+import functools
+import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -12,10 +14,9 @@ import numpy as np
 from ..arena.ratings import anchored
 from ..base import statistics
 from ..base.errors import TrainingError
-from .agents import Agent
+from .entry import Entry, most_steps
 from .manifest import Manifest
-from .policy_facts import most_steps
-from .result import AGENT, NUMBERS, SELF, Content, Pairing, Result, share
+from .result import AGENT, NUMBERS, SELF, Content, Pairing, share
 from .suite import suite
 from .tasks import PROTOCOL, TRAINED, Task
 
@@ -33,6 +34,8 @@ MEASURED, FEW, PARTLY, MISSING = "measured", "few seeds", "incomplete", "missing
 UNPLANNED, IMPOSSIBLE, NEVER = "not planned", "not possible", "no occasion"
 Scores = dict[str, Any]
 Value = dict[str, Any]
+Sample = Mapping[str, Sequence[float]]  # values of seeds, by task
+Played = list[dict[Pairing, Content]]  # the matches of each seed
 
 
 def scores(manifests: Sequence[Manifest]) -> Scores:
@@ -53,135 +56,90 @@ def scores(manifests: Sequence[Manifest]) -> Scores:
             for name in manifest.agents:
                 if name in of_task:
                     raise TrainingError(f"{name} has results in {task.name} twice: one of them in {manifest.folder}")
-                of_task[name] = _agent(manifest, name, task)
+                of_task[name] = _agent([Entry(manifest, name, task, seed) for seed in content["seeds"]])
         own["pairs"] += _pairs(manifest, own["tasks"])
     for own in budgets.values():
         own |= _over_tasks(own["tasks"])
     return {"version": PROTOCOL, "manifests": [each.digest for each in manifests], "budgets": budgets}
 
 
-def _agent(manifest: Manifest, name: str, task: Task) -> Scores:
-    """Return the scores of an agent in a task."""
-    agent, known, seeds = manifest.agents[name], suite(task), manifest.content["seeds"]
-    results = {seed: manifest.result(name, task, seed) for seed in seeds}
-    for found in results.values():
-        check_planned(manifest, found, task)
-    played = {seed: found.matches for seed, found in results.items()}
+def _agent(entries: Sequence[Entry]) -> Scores:
+    """Return the scores of an agent in a task, by its entries of all seeds."""
+    for entry in entries:
+        entry.check_planned()
+    first, task, known = entries[0], entries[0].task, suite(entries[0].task)
+    played = [entry.matches for entry in entries]
 
     def value(pairings: Iterable[Pairing], absent: str = MISSING) -> Value:
         """Return the mean share of games won in several matches."""
-        each, of_seed = [*pairings], dict[int, float | None]()
-        for seed, own in played.items():
-            shares = [share(own[pairing]) for pairing in each if pairing in own]
-            of_seed[seed] = float(np.mean(shares)) if each and len(shares) == len(each) else None
-        return over_seeds(of_seed, absent)
+        wanted = [*pairings]
+        each = [[share(own[pairing]) for pairing in wanted if pairing in own] for own in played]
+        return over_seeds([float(np.mean(own)) if own and len(own) == len(wanted) else None for own in each], absent)
 
-    games = {game.name: value(Pairing(game.name, other) for other in known.members) for game in task.tests}
+    candidates = [entry.content["candidates"] for entry in entries]
     outside = [game.name for game in task.tests if game.name != TRAINED] or [TRAINED]
-    curve = [
-        {"steps": _steps(results.values(), k)}
-        | value((own for own in manifest.validations(agent, task) if own.candidate == k), UNPLANNED)
-        for k in range(manifest.candidates(agent))
-    ]
-    first = results[seeds[0]].content["situations"] or {}
-    policies = [found.content["policy"] for found in results.values() if found.content["policy"]]
+    policies = [entry.content["policy"] for entry in entries if entry.content["policy"]]
+    most = most_steps(first.manifest.content["budget"])
+    mates = (SELF, *known.mates) if task.mates else ()
     return {
-        "seeds": [seed for seed in seeds if results[seed].content["policy"]],
+        "seeds": [entry.seed for entry in entries if entry.content["policy"]],
         "steps": [policy["steps"] for policy in policies],
-        "of_task": bool(policies) and all(_is_of_track(policy, manifest.content["budget"]) for policy in policies),
+        "of_task": bool(policies) and all(own["of_task"] and own["steps"] <= most for own in policies),
         "met": sorted({name for policy in policies for name in policy["met"]}),
         "score": value(Pairing(game, other) for game in outside for other in known.members),
-        "games": games,
+        "games": {game.name: value(Pairing(game.name, other) for other in known.members) for game in task.tests},
         "suite": {other: value([Pairing(TRAINED, other)]) for other in known.members},
-        "mates": {
-            mate: value(Pairing(TRAINED, other, mate) for other in known.mates)
-            for mate in ((SELF, *known.mates) if task.mates else ())
-        },  # against the same opponents
-        "curve": curve,
+        "mates": {mate: value(Pairing(TRAINED, other, mate) for other in known.mates) for mate in mates},
+        "curve": [
+            {"steps": max((own[k]["steps"] for own in candidates if len(own) > k), default=None)}
+            | value((own for own in first.planned if own.candidate == k), UNPLANNED)
+            for k in range(first.candidates)
+        ],
         "rating": _rating(played, task),
-        "exploitability": _exploitability(manifest, agent, played[seeds[0]]),
+        "exploitability": _exploitability(first),
         "self_play": {figure: _figure(played, figure) for figure in OWN_FIGURES},
-        "situations": dict(sorted(first.items())),
+        "situations": dict(sorted((first.content["situations"] or {}).items())),
     }
 
 
-def over_seeds(values: Mapping[int, float | None], absent: str = MISSING) -> Value:
+def over_seeds(values: Sequence[float | None], absent: str = MISSING) -> Value:
     """Return a value from those of planned seeds; None: not there. absent: The status if none is there."""
-    known = {seed: value for seed, value in values.items() if value is not None}
-    if not known:
+    each = [value for value in values if value is not None]
+    if not each:
         return {"status": absent}
-    each = [*known.values()]
-    status = PARTLY if len(known) < len(values) else FEW if len(known) < LEAST else MEASURED
-    low, high = statistics.interval(each) or (None, None)
-    ends = {} if low is None else {"low": rounded(low), "high": rounded(high)}
-    mean = {"mean": rounded(np.mean(each)), **ends} if status != PARTLY else {}  # who leaves out a seed gains nothing
+    status = PARTLY if len(each) < len(values) else FEW if len(each) < LEAST else MEASURED
+    mean = {} if status == PARTLY else _estimate(statistics.mean, {"": each}, name="mean")  # a lost seed gains nothing
     return {"status": status, **mean, "seeds": rounded(each)}
 
 
-def check_planned(manifest: Manifest, found: Result, task: Task) -> None:
-    """Raise TrainingError for matches that were not planned: nobody may choose among several plans afterwards."""
-    agent, seed = manifest.agents[found.content["agent"]], found.content["seed"]
-    planned = manifest.planned(agent, task, seed)
-    if found.content["policy"] is None and any(pairing.candidate < 0 for pairing in found.matches):
-        raise TrainingError(f"{found.name} has tests, but no policy that was chosen for them")
-    responses = (name for name in found.content["responses"] if name not in manifest.responses(agent, seed))
-    if more := [*responses, *(pairing for pairing in found.matches if pairing not in planned)]:
-        raise TrainingError(f"{found.name}: {more[0]} is not in the manifest")
-    for pairing, match in found.matches.items():
-        games = sum(match[name] for name in NUMBERS)
-        if games != manifest.games(pairing):
-            raise TrainingError(f"{found.name}: {pairing} has {games} games, and {manifest.games(pairing)} are planned")
-
-
-def _steps(results: Iterable[Result], number: int) -> int | None:
-    """Return the largest number of agent-steps of a candidate over seeds; None: unknown."""
-    found = [own.content["candidates"][number]["steps"] for own in results if len(own.content["candidates"]) > number]
-    return max(found, default=None)
-
-
-def _is_of_track(policy: Content, budget: int) -> bool:
-    """Return whether a policy was trained in the game of the task, and no longer than the budget, by its own file.
-
-    Only complete rollouts are collected, so it may be a little longer.
-    """
-    return bool(policy["of_task"] and policy["steps"] <= most_steps(budget))
-
-
-def _rating(played: Mapping[int, Mapping[Pairing, Content]], task: Task) -> Value:
+def _rating(played: Played, task: Task) -> Value:
     """Return the rating on the fixed scale of the suite, and its errors over games by seed. It needs LEAST seeds."""
-    rated = {name: member.rating for name, member in suite(task).members.items() if member.rating is not None}
-    wanted = [Pairing(TRAINED, name) for name in rated]
-    full = [seed for seed, own in played.items() if all(pairing in own for pairing in wanted)]
-    if not rated or not full:
+    rated = {Pairing(TRAINED, name): own.rating for name, own in suite(task).members.items() if own.rating is not None}
+    full = [rated.keys() <= own.keys() for own in played]
+    if not rated or not any(full):
         return {"status": MISSING if rated else UNPLANNED}
-    wins, draws, losses = (
-        np.array([[played[seed][pairing][key] for pairing in wanted] for seed in full], np.float64) for key in NUMBERS
-    )
-    ratings, errors = anchored(wins, draws, losses, np.array([*rated.values()]))
-    of_seed: dict[int, float | None] = dict.fromkeys(played) | dict(zip(full, ratings.tolist(), strict=True))
-    value = over_seeds(of_seed) | {"errors": rounded(errors)}
-    if value["status"] != MEASURED:
-        value = {key: each for key, each in value.items() if key not in ("mean", "low", "high")}
-    return value
+    own = list(itertools.compress(played, full))
+    won, drawn, lost = (np.array([[each[pairing][key] for pairing in rated] for each in own]) for key in NUMBERS)
+    ratings, errors = map(iter, anchored(won, drawn, lost, np.array([*rated.values()])))
+    value = over_seeds([float(next(ratings)) if there else None for there in full]) | {"errors": rounded([*errors])}
+    known = value["status"] == MEASURED
+    return {key: own for key, own in value.items() if known or key not in ("mean", "low", "high")}
 
 
-def _exploitability(manifest: Manifest, agent: Agent, first: Mapping[Pairing, Content]) -> dict[str, Value]:
-    """Return the shares of games that best responses win, by their names. first: The matches of the first seed."""
-    if agent.function:
+def _exploitability(first: Entry) -> dict[str, Value]:
+    """Return the shares of games that best responses to the first seed win, by their names."""
+    if first.agent.function:
         return {"best response": {"status": IMPOSSIBLE}}
-    seed, found = manifest.content["seeds"][0], dict[str, Value]()
-    for name in manifest.responses(agent, seed):
-        match = first.get(Pairing(TRAINED, name))
-        found[name] = over_seeds({seed: None if match is None else 1 - share(match)})
+    matches = {name: first.matches.get(Pairing(TRAINED, name)) for name in first.responses}
+    found = {name: over_seeds([1 - share(match) if match else None]) for name, match in matches.items()}
     return found or {"best response": {"status": UNPLANNED}}
 
 
-def _figure(played: Mapping[int, Mapping[Pairing, Content]], name: str) -> Value:
+def _figure(played: Played, name: str) -> Value:
     """Return a figure of games against itself; NEVER if there was no occasion to measure it in any seed."""
-    matches = {seed: own.get(Pairing(TRAINED, SELF)) for seed, own in played.items()}
-    pairs = {seed: match["figures"].get(name) if match else None for seed, match in matches.items()}
-    values = {seed: pair[0] if pair else None for seed, pair in pairs.items()}
-    return over_seeds(values, NEVER if any(matches.values()) else MISSING)
+    matches = [own.get(Pairing(TRAINED, SELF)) for own in played]
+    pairs = [match["figures"].get(name) if match else None for match in matches]
+    return over_seeds([pair[0] if pair else None for pair in pairs], NEVER if any(matches) else MISSING)
 
 
 def _pairs(manifest: Manifest, tasks: Mapping[str, Scores]) -> list[Scores]:
@@ -193,41 +151,33 @@ def _pairs(manifest: Manifest, tasks: Mapping[str, Scores]) -> list[Scores]:
     found, effect = [], manifest.content["effect"]
     level = 1 - (1 - statistics.LEVEL) / max(1, len(manifest.content["pairs"]))
     for one, other in manifest.content["pairs"]:
-        names = [task.name for task in manifest.tasks]
-        each = [{name: _complete(tasks[name][agent]["score"]) for name in names} for agent in (one, other)]
-        fewest = min(len(values) for own in each for values in own.values())
-        entry: Scores = {"one": one, "other": other, "effect": effect, "direct": _direct(manifest, one, other)}
-        if fewest < 2:
-            found.append(entry | {"difference": {"status": FEW if fewest else MISSING}, "verdict": "open"})
-            continue
-        value, low, high = statistics.stratified_bootstrap(
-            lambda a, b: statistics.mean(a) - statistics.mean(b), *each, level=level
-        )
-        verdict = (
-            "more" if low > effect else "less" if high < -effect else "equal" if max(-low, high) < effect else "open"
-        )
-        status = MEASURED if fewest >= LEAST else FEW
-        difference = {"status": status, "mean": rounded(value), "low": rounded(low), "high": rounded(high)}
-        found.append(entry | {"difference": difference} | {"verdict": verdict if status == MEASURED else "open"})
+        values = [{task.name: tasks[task.name][agent]["score"] for task in manifest.tasks} for agent in (one, other)]
+        each = [{name: own["seeds"] if "mean" in own else [] for name, own in of.items()} for of in values]
+        fewest, verdict = min(len(seeds) for own in each for seeds in own.values()), "open"
+        difference: Value = {"status": MEASURED if fewest >= LEAST else FEW if fewest else MISSING}
+        if fewest > 1:
+            difference |= _estimate(
+                lambda a, b: statistics.mean(a) - statistics.mean(b), *each, level=level, name="mean"
+            )
+        if fewest >= LEAST:
+            low, high = difference["low"], difference["high"]
+            equal = "equal" if max(-low, high) < effect else "open"
+            verdict = "more" if low > effect else "less" if high < -effect else equal
+        entry = {"one": one, "other": other, "effect": effect, "direct": _direct(manifest, one, other)}
+        found.append(entry | {"difference": difference, "verdict": verdict})
     return found
-
-
-def _complete(value: Value) -> list[float]:
-    """Return the values of all planned seeds; none if one is missing."""
-    return list(value["seeds"]) if "mean" in value else []
 
 
 def _direct(manifest: Manifest, one: str, other: str) -> Value:
     """Return the share of games that one agent won against another one, a mean over tasks."""
-    values = dict[int, float | None]()
+    values = list[float | None]()
     for seed in manifest.content["seeds"]:
-        pairing, each = Pairing(TRAINED, AGENT + other), list[float]()
-        for task in manifest.tasks:
-            match = manifest.result(one, task, seed).matches.get(pairing)
-            rival = manifest.result(other, task, seed).content["policy"]
-            if match is not None and rival is not None and match["opponent"] == rival["digest"]:
+        each = list[float]()
+        for entry in (Entry(manifest, one, task, seed) for task in manifest.tasks):
+            match, rival = entry.matches.get(Pairing(TRAINED, AGENT + other)), entry.rival(other).content["policy"]
+            if match and rival and match["opponent"] == rival["digest"]:
                 each.append(share(match))
-        values[seed] = float(np.mean(each)) if len(each) == len(manifest.tasks) else None
+        values.append(float(np.mean(each)) if len(each) == len(manifest.tasks) else None)
     return over_seeds(values)
 
 
@@ -240,25 +190,20 @@ def _over_tasks(tasks: Mapping[str, Scores]) -> Scores:
                 played.setdefault(agent, {})[name] = found["score"]["seeds"]
     agents, common = _compared(played) if played else ([], [])
     each = {agent: {name: played[agent][name] for name in common} for agent in agents if common}
-    profile = {
-        agent: _estimate(lambda given: statistics.performance_profile(given, THRESHOLDS), own)
-        for agent, own in each.items()
-    }
+    profile = functools.partial(statistics.performance_profile, thresholds=THRESHOLDS)
+    profiles = {agent: _estimate(profile, own) for agent, own in each.items()}
     return {
         "compared": agents,
         "common": common,
         "iqm": {agent: _estimate(statistics.iqm, own) for agent, own in each.items()},
-        "profile": {"thresholds": rounded(THRESHOLDS), **profile},
+        "profile": {"thresholds": rounded(THRESHOLDS), **profiles},
     }
 
 
 def _compared(played: Mapping[str, Iterable[str]]) -> tuple[list[str], list[str]]:
     """Return agents and tasks for scores over tasks, where each of these agents has played each of these tasks.
 
-    Of all such choices with several agents, the one with the most results is taken. There are no tasks if no two
-    agents share one.
-
-    played: The tasks of each agent.
+    Of all such choices with several agents, the one with the most results is taken; none if no two share a task.
     """
     choices = {frozenset(own) for own in played.values()}
     while more := {one & other for one in choices for other in choices} - choices:
@@ -268,11 +213,14 @@ def _compared(played: Mapping[str, Iterable[str]]) -> tuple[list[str], list[str]
     return max(able, key=lambda each: (len(each[0]) * len(each[1]), len(each[0]), each[1]))
 
 
-def _estimate(statistic: Callable[..., Any], own: Mapping[str, Sequence[float]]) -> Scores:
-    """Return a statistic over tasks and seeds, with its 95 % interval where every task has two seeds or more."""
-    if any(len(values) < 2 for values in own.values()):
-        return {"value": rounded(statistic(own))}
-    return {key: rounded(value) for key, value in statistics.stratified_bootstrap(statistic, own)._asdict().items()}
+def _estimate(
+    statistic: Callable[..., Any], *own: Sample, level: float = statistics.LEVEL, name: str = "value"
+) -> Value:
+    """Return a statistic over tasks and seeds, with its interval where every task has two seeds or more."""
+    if any(len(seeds) < 2 for values in own for seeds in values.values()):
+        return {name: rounded(statistic(*own))}
+    found = statistics.stratified_bootstrap(statistic, *own, level=level)
+    return {name: rounded(found.value), "low": rounded(found.low), "high": rounded(found.high)}
 
 
 def rounded(values: Any) -> Any:
@@ -288,23 +236,28 @@ def named(each: Scores) -> Iterator[tuple[str, Value]]:
     for key in ("exploitability", "games", "suite", "mates", "self_play"):
         yield from ((f"{key}/{name}", value) for name, value in each[key].items())
     yield from ((f"curve/{value['steps']}", value) for value in each["curve"])
-    yield from ((f"situations/{name}", over_seeds({0: share})) for name, share in each["situations"].items())
+    yield from ((f"situations/{name}", over_seeds([share])) for name, share in each["situations"].items())
+
+
+def by_agent(found: Scores) -> Iterator[tuple[str, Scores, str, str, Scores]]:
+    """Yield the budget and its scores, the task, the agent and the scores of that agent."""
+    for budget, own in found["budgets"].items():
+        for task, of_task in own["tasks"].items():
+            yield from ((budget, own, task, agent, each) for agent, each in of_task.items())
 
 
 def absent(found: Scores) -> int:
     """Return the number of planned values that are missing."""
-    every = (
-        each for own in found["budgets"].values() for of_task in own["tasks"].values() for each in of_task.values()
-    )
-    return sum(value["status"] in (MISSING, PARTLY) for each in every for _, value in named(each))
+    return sum(value["status"] in (MISSING, PARTLY) for *_, each in by_agent(found) for _, value in named(each))
 
 
 def lines(found: Scores) -> Iterator[str]:
     """Yield a summary of the scores, as lines to print."""
-    for budget, own in found["budgets"].items():
-        yield f"{int(budget):,} agent-steps" + (f", track {own['track']}" if own["track"] else ", of no track")
-        for task, of_task in own["tasks"].items():
-            for agent, each in of_task.items():
-                mean = f"{each['score']['mean']:.3f}" if "mean" in each["score"] else each["score"]["status"]
-                rating = f", Elo {each['rating']['mean']:.0f}" if "mean" in each["rating"] else ""
-                yield f"  {task}, {agent}: score {mean}{rating}, seeds {len(each['seeds'])}"
+    last = ""
+    for budget, own, task, agent, each in by_agent(found):
+        if budget != last:
+            yield f"{int(budget):,} agent-steps" + (f", track {own['track']}" if own["track"] else ", of no track")
+        last, score, rating = budget, each["score"], each["rating"]
+        mean = f"{score['mean']:.3f}" if "mean" in score else score["status"]
+        elo = f", Elo {rating['mean']:.0f}" if "mean" in rating else ""
+        yield f"  {task}, {agent}: score {mean}{elo}, seeds {len(each['seeds'])}"

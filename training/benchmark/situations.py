@@ -23,6 +23,7 @@ from outlast.envs.rollout.saved import common_scenario
 from outlast.envs.rollout.styles import AIMED, STRIKE, SWEEP, Intent, Seen, closer, first, follow, unit
 from outlast.envs.scenarios.scenario import Scenario
 
+from ..arena.match import Act
 from ..arena.players import Contender
 from .tasks import SITUATION_SEED
 
@@ -52,33 +53,33 @@ class Scene:
         self.x, self.y = rng.uniform(-MIDDLE, MIDDLE, (2, env.num_worlds))
         sides = side(env.worlds)[0]
         mates, enemies = np.flatnonzero(sides == sides[0])[1:].tolist(), np.flatnonzero(sides != sides[0]).tolist()
-        self.agents = {"me": 0, **dict(zip(["mate"], mates)), **dict(zip(["enemy", "other"], enemies))}
+        self.agents: dict[str | int, Any] = {number: number for number in (*mates, *enemies)} | {"me": 0}
+        self.agents |= {**dict(zip(["mate"], mates)), **dict(zip(["enemy", "other"], enemies))}
         for kind in ("heal", "box", "box_item"):
             self.worlds[Entity].alive[:, self.worlds.span(kind)] = 0
         for k, number in enumerate((*mates, *enemies)):
-            self._place("agent", number, AWAY, APART * (k - 1), math.pi, points=FULL)
+            self.put(number, AWAY, APART * (k - 1), math.pi)
         self.put("me")
 
-    def put(self, name: str, ahead: float = 0, left: float = 0, turned: float = 0, points: float = FULL) -> None:
-        """Put an entity somewhere, turned to the left by so many radians; or the rim of the zone ahead."""
+    def put(self, name: str | int, ahead: float = 0, left: float = 0, turned: float = 0, points: float = FULL) -> None:
+        """Put an entity somewhere, turned to the left by so many radians; or the rim of the zone so far ahead."""
         if name == "zone":
             self._zone(ahead)
-        elif name in self.agents:
-            self._place("agent", self.agents[name], ahead, left, turned, points=points)
-        else:
-            self._place(name, 0, ahead, left, turned)
-
-    def _place(self, kind: str, number: int, ahead: float, left: float, turned: float, **values: Any) -> None:
-        cosine, sine = np.cos(self.heading), np.sin(self.heading)
-        x, y = self.x + ahead * cosine - left * sine, self.y + ahead * sine + left * cosine
+            return
+        kind, number = ("agent", self.agents[name]) if name in self.agents else (str(name), 0)
+        x, y = self._at(ahead, left)
+        values = {"points": points} if kind == "agent" else {}
         self.env.place(kind, number, x=x, y=y, angle=self.heading + turned, **values)
+
+    def _at(self, ahead: float, left: float = 0.0) -> tuple[Array, Array]:
+        cosine, sine = np.cos(self.heading), np.sin(self.heading)
+        return self.x + ahead * cosine - left * sine, self.y + ahead * sine + left * cosine
 
     def _zone(self, beyond: float) -> None:
         """Let a phase of the zone begin, so that the first agent is so many metres beyond its rim, which is ahead."""
         numbers = self.env.scenario.numbers()
-        ahead = numbers["safe_zone_radii"][PHASE] + beyond
-        place = self.x + ahead * np.cos(self.heading), self.y + ahead * np.sin(self.heading)
-        self.worlds[Zone].centres[:, PHASE : PHASE + 2] = np.stack(place, -1)[:, None]
+        centre = np.stack(self._at(numbers["safe_zone_radii"][PHASE] + beyond), -1)
+        self.worlds[Zone].centres[:, PHASE : PHASE + 2] = centre[:, None]
         self.worlds[Clock].tick[:] = PHASE * (numbers["safe_zone_stand"] + numbers["safe_zone_shrink"])
 
     def row(self, name: str) -> int:
@@ -86,9 +87,9 @@ class Scene:
         kind = "agent" if name in self.agents else name
         return int(self.worlds.span(kind).start + self.agents.get(name, 0))
 
-    def points(self, name: str = "me") -> Array:
-        """Return the hit points of an agent, (worlds,)."""
-        return np.asarray(self.worlds[Health].points[:, self.row(name)])
+    def points(self) -> Array:
+        """Return the hit points of the first agent, (worlds,)."""
+        return np.asarray(self.worlds[Health].points[:, self.row("me")])
 
     def carries(self, name: str, item: str) -> Array:
         """Return whether an agent carries an item, bool (worlds,)."""
@@ -122,15 +123,9 @@ class Scene:
 class Situation:
     """A scene, and what it takes to pass it.
 
-    Attributes:
-        name: What tables call it.
-        scene: What is where.
-        passed: Returns in which worlds the agent has done it, bool (worlds,).
-        solution: A style that passes.
-        ticks: How long the agent has.
-        lasting: Whether it must be so at the end, and not only at some time.
-        capped: Whether the game must have a limit of hit points.
-        attacked: Whether the enemy is a hunter, and does not stand still.
+    scene: What is where. passed: Returns in which worlds the agent has done it, bool (worlds,). solution: A style that
+    passes. ticks: How long the agent has. lasting: Whether it must be so at the end, and not only at some time. capped:
+    Whether the game must have a limit of hit points. attacked: Whether the enemy is a hunter, and does not stand still.
     """
 
     name: str
@@ -148,10 +143,10 @@ class Situation:
         there = {
             OPEN: not len(layout.rows(Wall)),
             FIXED: len(layout.agent_counts) == 1,
-            "heal": len(layout.spans.get("heal", ())) > 0,
-            "box": len(layout.spans.get("box", ())) > 0,
-            "mate": int((sides == sides[0]).sum()) > 1,
-            "enemies": int((sides != sides[0]).sum()) > 1,
+            "heal": len(layout.spans.get("heal", ())),
+            "box": len(layout.spans.get("box", ())),
+            "mate": (sides == sides[0]).sum() > 1,
+            "enemies": (sides != sides[0]).sum() > 1,
             "cap": env.scenario.numbers().get("mortality_limit", 0) > 0,
             "zone": "safe_zone" in env.scenario,
         }
@@ -214,43 +209,39 @@ SITUATIONS = (
 def attempt(
     situation: Situation, scenario: Scenario, contender: Contender | None = None, worlds: int = WORLDS
 ) -> Array | str:
-    """Play a situation. Raises TrainingError: the policy cannot play in this game.
+    """Return in which worlds a policy passes a situation, bool (worlds,), or what the game lacks.
 
-    contender: The policy; None: the solution. Returns whether it passed in each world, bool (worlds,), or what
-    the game lacks.
+    contender: The policy; None: the solution. Raises TrainingError: it cannot play in this game.
     """
-    saved = [contender.player] if contender is not None and contender.player is not None else []
-    game = common_scenario(scenario, saved)
+    game = common_scenario(scenario, [contender.player] if contender and contender.player else [])
     with contextlib.closing(outlast.make_vec(game, worlds, seed=SEED, autoreset_mode="Disabled")) as env:
         env.reset(seed=SEED)
-        return situation.lacks(env) or _play(situation, env, contender)
-
-
-def _play(situation: Situation, env: SurvivalVectorEnv, contender: Contender | None) -> Array:
-    """Return in which worlds a policy, or the solution, passes, bool (worlds,). env: Just reset."""
-    solution, attacker = follow(situation.solution, env), follow(styles.hunter, env)
-    if contender is not None:
-        contender.check(env)
-    act = contender.act(env, SEED, keyed=True) if contender else lambda seen, where: solution(seen)[where]
-    scene, worlds = Scene(env, SEED), env.num_worlds
-    for name, place in situation.scene.items():
-        scene.put(name, *place)
-    me, done, found = (np.arange(worlds), np.zeros(worlds, int)), *np.zeros((2, worlds), bool)
-    for tick in range(situation.ticks):
-        actions = np.tile(env.noop, (worlds, env.num_agents, 1))
-        if tick:  # the scene is observed from the second tick on
-            seen = env.observe()
-            actions[me] = act(seen, me)
-            if situation.attacked:
-                actions[:, scene.agents["enemy"]] = attacker(seen)[:, scene.agents["enemy"]]
-        _, _, terminated, truncated, _ = env.step(actions)
-        now = situation.passed(scene)
-        found = np.where(done, found, now if situation.lasting else found | now)
-        if (over := terminated | truncated).any():  # what comes after an episode does not count
-            done |= over
-            env.reset(options={"reset_mask": over})
-        if done.all():
-            break
+        if lacking := situation.lacks(env):
+            return lacking
+        solution, attacker = follow(situation.solution, env), follow(styles.hunter, env)
+        act: Act = lambda seen, where: solution(seen)[where]  # noqa: E731
+        if contender is not None:
+            contender.check(env)
+            act = contender.act(env, SEED, keyed=True)
+        scene = Scene(env, SEED)
+        for name, place in situation.scene.items():
+            scene.put(name, *place)
+        me, done, found = (np.arange(worlds), np.zeros(worlds, int)), *np.zeros((2, worlds), bool)
+        for tick in range(situation.ticks):
+            actions = np.tile(env.noop, (worlds, env.num_agents, 1))
+            if tick:  # the scene is observed from the second tick on
+                seen = env.observe()
+                actions[me] = act(seen, me)
+                if situation.attacked:
+                    actions[:, scene.agents["enemy"]] = attacker(seen)[:, scene.agents["enemy"]]
+            _, _, terminated, truncated, _ = env.step(actions)
+            now = situation.passed(scene)
+            found = np.where(done, found, now if situation.lasting else found | now)
+            if (over := terminated | truncated).any():  # what comes after an episode does not count
+                done |= over
+                env.reset(options={"reset_mask": over})
+            if done.all():
+                break
     return found
 
 
@@ -277,8 +268,7 @@ def passed(scenario: Scenario, contender: Contender) -> dict[str, float]:
 def table(columns: Sequence[dict[str, float | str]]) -> list[tuple[str, ...]]:
     """Return a row for each situation: its name, and the results of `shares` of its solution and of each policy.
 
-    The row of a situation that the game lacks something for says what. The last row counts the situations passed, in at
-    least SHARE of the worlds.
+    The last row counts the situations that are passed in at least SHARE of the worlds.
     """
     rows = list[tuple[str, ...]]()
     for name, value in columns[0].items():

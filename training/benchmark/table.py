@@ -1,6 +1,7 @@
 """Tables of scores: Markdown, CSV, figures of performance profiles and curves, and the JSON of marl-eval."""
 
 import hashlib
+import itertools
 import json
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -11,7 +12,7 @@ from ..base.errors import TrainingError
 from ..base.files import write_files
 from ..base.tables import csv_text, markdown_table
 from . import people, scores
-from .marl_eval import RunMetrics, marl_eval_json
+from .marl_eval import ABSOLUTE, marl_eval_json
 from .result import SELF
 from .situations import SHARE
 from .tasks import TRAINED
@@ -31,13 +32,9 @@ SIZE = (7.0, 3.4)  # inches
 
 def write(found: scores.Scores, games: Sequence[dict[str, Any]], folder: Path) -> list[Path]:
     """Write all tables. Return the paths. games: Those of people. Raises TrainingError."""
-    contents = {
-        folder / "table.md": markdown(found, games).encode(),
-        folder / "table.csv": as_csv(found).encode(),
-        **{folder / name: content for name, content in _more(found)},
-    }
-    write_files(contents)
-    return list(contents)
+    contents = {"table.md": markdown(found, games).encode(), "table.csv": as_csv(found).encode(), **dict(_more(found))}
+    write_files({folder / name: content for name, content in contents.items()})
+    return [folder / name for name in contents]
 
 
 def markdown(found: scores.Scores, games: Sequence[dict[str, Any]] = ()) -> str:
@@ -51,26 +48,23 @@ def markdown(found: scores.Scores, games: Sequence[dict[str, Any]] = ()) -> str:
 def as_csv(found: scores.Scores) -> str:
     """Return the CSV file: a row for every value of every agent in every task."""
     rows = list[tuple[object, ...]]()
-    for budget, own in found["budgets"].items():
-        for task, of_task in own["tasks"].items():
-            for agent, each in of_task.items():
-                for name, value in scores.named(each):
-                    ends = (value.get(key, "") for key in ("mean", "low", "high"))
-                    row = (budget, own["track"], task, agent, name, value["status"], *ends)
-                    rows.append((*row, len(value.get("seeds", ()))))
+    for budget, own, task, agent, each in scores.by_agent(found):
+        for name, value in scores.named(each):
+            ends = (value.get(key, "") for key in ("mean", "low", "high"))
+            rows.append((budget, own["track"], task, agent, name, value["status"], *ends, len(value.get("seeds", ()))))
     return csv_text(COLUMNS, rows)
 
 
 def _budget(budget: int, own: scores.Scores) -> Iterator[str]:
     track = f"track {own['track']}" if own["track"] else f"of no track: {own['games']} games a test"
     yield f"### {budget:,} agent-steps ({track})"
-    every = dict.fromkeys(agent for of_task in own["tasks"].values() for agent in of_task)
-    others = ", ".join(agent for agent in every if agent not in own["compared"])
-    fewer = f" Not in it: {others}, of fewer tasks." if others else ""
+    every = [(agent, each) for of_task in own["tasks"].values() for agent, each in of_task.items()]
+    others = ", ".join(agent for agent in dict(every) if agent not in own["compared"])
     if own["common"]:
         yield (
             "Score: the interquartile mean over tasks and seeds, with its 95 % interval (stratified bootstrap), in the "
-            f"tasks that all agents of this table have played: {', '.join(own['common'])}.{fewer}"
+            f"tasks that all agents of this table have played: {', '.join(own['common'])}."
+            + (f" Not in it: {others}, of fewer tasks." if others else "")
         )
         yield markdown_table(HEADS, _overall(own))
     if own["pairs"]:
@@ -78,12 +72,13 @@ def _budget(budget: int, own: scores.Scores) -> Iterator[str]:
             "Planned comparisons, a mean over tasks. The intervals hold for all of them together; more, less or equal "
             "is said of a difference beyond, or within, the effect of the manifest:"
         )
-        yield markdown_table(PAIR_HEADS, _pairs(own["pairs"]))
+        cells = ((pair, _cell(pair["difference"], 3), _cell(pair["direct"], 2)) for pair in own["pairs"])
+        yield markdown_table(PAIR_HEADS, ([pair["one"], pair["other"], *two, pair["verdict"]] for pair, *two in cells))
     yield "By task, means over seeds with 95 % bootstrap intervals:"
     yield markdown_table(TASK_HEADS, _by_task(own["tasks"]))
-    if any(not each["of_task"] for task in own["tasks"].values() for each in task.values()):
+    if not all(each["of_task"] for _, each in every):
         yield f"{OF_NO_TRACK} not shown by a policy file to be trained in the game of the task, within the budget."
-    if any(each["met"] for task in own["tasks"].values() for each in task.values()):
+    if any(each["met"] for _, each in every):
         yield f"{MET} it was trained against opponents of the suite, or by imitating them."
 
 
@@ -92,7 +87,7 @@ def _overall(own: scores.Scores) -> Iterator[list[str]]:
     for agent, found in sorted(own["iqm"].items(), key=lambda entry: -entry[1]["value"]):
         counts = {len(own["tasks"][task][agent]["seeds"]) for task in own["common"]}
         ends = f"{found['low']:.3f} to {found['high']:.3f}" if "low" in found else "one seed"
-        seeds = str(min(counts)) if len(counts) == 1 else f"{min(counts)} to {max(counts)}"
+        seeds = " to ".join(map(str, sorted({min(counts), max(counts)})))
         yield [_marked(agent, *own["tasks"].values()), f"{found['value']:.3f}", ends, str(len(own["common"])), seeds]
 
 
@@ -100,11 +95,6 @@ def _marked(agent: str, *tasks: Mapping[str, scores.Scores]) -> str:
     """Return the agent with the marks that it has in any of these tasks."""
     each = [task[agent] for task in tasks if agent in task]
     return agent + OF_NO_TRACK * (not all(own["of_task"] for own in each)) + MET * any(own["met"] for own in each)
-
-
-def _pairs(pairs: Sequence[scores.Scores]) -> Iterator[list[str]]:
-    for pair in pairs:
-        yield [pair["one"], pair["other"], _cell(pair["difference"], 3), _cell(pair["direct"], 2), pair["verdict"]]
 
 
 def _by_task(tasks: Mapping[str, Mapping[str, scores.Scores]]) -> Iterator[list[str]]:
@@ -160,32 +150,22 @@ def _rating(value: scores.Value) -> str:
 def _more(found: scores.Scores) -> Iterator[tuple[str, bytes]]:
     """Yield figures, and files for marl-eval, for each budget in which agents share a task."""
     for budget, own in found["budgets"].items():
+        about = f"{int(budget):,} agent-steps"
         if any(each["curve"][1:] for task in own["tasks"].values() for each in task.values()):
-            yield f"curves-{budget}.png", _picture(_draw_curves, own, f"validation, {int(budget):,} agent-steps")
+            yield f"curves-{budget}.png", _picture(_draw_curves, own, f"validation, {about}")
         if not own["common"]:
             continue
-        yield (
-            f"profile-{budget}.png",
-            _picture(_draw_profile, own, f"performance profiles, {int(budget):,} agent-steps"),
-        )
-        if runs := list(_runs(int(budget), own)):
-            try:
-                yield f"marl_eval-{budget}.json", marl_eval_json("outlast", runs).encode()
-            except TrainingError as error:  # marl-eval allows fewer names
-                logger.warning("marl_eval-%s.json is left out: %s", budget, error)
-
-
-def _runs(budget: int, own: scores.Scores) -> Iterator[RunMetrics]:
-    """Yield the runs for marl-eval: the compared agents, with the tasks that have all seeds of all of them.
-
-    The score is that of the chosen checkpoint, and so the absolute metric, too.
-    """
-    each = {(task, name): own["tasks"][task][name] for task in own["common"] for name in own["compared"]}
-    fewest = min(len(found["score"]["seeds"]) for found in each.values())
-    for (task, agent), found in each.items():
-        for k in range(fewest):
-            score = {"score": found["score"]["seeds"][k]}
-            yield RunMetrics(task, agent, found["seeds"][k], {budget: score}, score)
+        yield f"profile-{budget}.png", _picture(_draw_profile, own, f"performance profiles, {about}")
+        # the score is that of the chosen checkpoint, and so the absolute metric, too
+        every = [(task, name, own["tasks"][task][name]) for task in own["common"] for name in own["compared"]]
+        fewest, runs = min(len(each["score"]["seeds"]) for *_, each in every), dict[tuple[str, str, int], Any]()
+        for (task, agent, each), k in itertools.product(every, range(fewest)):
+            score = {"score": each["score"]["seeds"][k]}
+            runs[task, agent, each["seeds"][k]] = {int(budget): score, ABSOLUTE: score}
+        try:
+            yield f"marl_eval-{budget}.json", marl_eval_json("outlast", runs).encode()
+        except TrainingError as error:  # marl-eval allows fewer names
+            logger.warning("marl_eval-%s.json is left out: %s", budget, error)
 
 
 def _picture(draw: Callable[[scores.Scores, str], Any], own: scores.Scores, title: str) -> bytes:
@@ -196,17 +176,26 @@ def _picture(draw: Callable[[scores.Scores, str], Any], own: scores.Scores, titl
     return encoded(lambda: draw(own, title), "png", {"Title": title, "Source": source})
 
 
+def _line(axes: Any, number: int, label: str, x: Sequence[float], ys: Mapping[str, Any], step: Any = None) -> None:
+    """Draw a line, and the area between "low" and "high" if there are such values. step: As for `fill_between`."""
+    from ..plots.figure import look
+
+    ink, dash = look(number)
+    style = {"drawstyle": f"steps-{step}", "linewidth": 1.7} if step else {}
+    axes.plot(x, ys["mean"], color=ink, linestyle=dash, label=label, **style)
+    if "low" in ys:
+        axes.fill_between(x, ys["low"], ys["high"], step=step, color=ink, alpha=0.16, linewidth=0)
+
+
 def _draw_profile(own: scores.Scores, title: str) -> Any:
-    from ..plots.figure import figure_of, look
+    from ..plots.figure import figure_of
 
     figure = figure_of(*SIZE, layout="constrained")
-    axes, thresholds = figure.subplots(), own["profile"]["thresholds"]
+    axes = figure.subplots()
     axes.set_title(f"{title}, {len(own['common'])} tasks")
-    for k, agent in enumerate(name for name in own["profile"] if name != "thresholds"):
-        each, (ink, dash) = own["profile"][agent], look(k)
-        axes.step(thresholds, each["value"], where="post", color=ink, linestyle=dash, linewidth=1.7, label=agent)
-        if "low" in each:
-            axes.fill_between(thresholds, each["low"], each["high"], step="post", color=ink, alpha=0.16, linewidth=0)
+    for k, agent in enumerate(own["iqm"]):
+        each = own["profile"][agent]
+        _line(axes, k, agent, own["profile"]["thresholds"], {"mean": each["value"], **each}, "post")
     label = "score: win rate against the suite"
     axes.set(xlim=(0, 1), ylim=(0, 1.02), xlabel=label, ylabel="share of seeds that score more")
     axes.legend(frameon=False)
@@ -214,27 +203,23 @@ def _draw_profile(own: scores.Scores, title: str) -> Any:
 
 
 def _draw_curves(own: scores.Scores, title: str) -> Any:
-    from ..plots.figure import figure_of, look
+    from ..plots.figure import figure_of
 
     agents = dict.fromkeys(agent for task in own["tasks"].values() for agent in task)
-    every = list(own["tasks"].items())
-    across = min(3, len(every))
-    down = -(-len(every) // across)
+    across = min(3, len(own["tasks"]))
+    down = -(-len(own["tasks"]) // across)
     figure = figure_of(SIZE[0], 0.4 + 2.0 * down, layout="constrained")
     panels = figure.subplots(down, across, squeeze=False, sharey=True).ravel()
     figure.suptitle(title)
-    for axes, (task, of_task) in zip(panels, every, strict=False):
+    for axes, (task, of_task) in zip(panels, own["tasks"].items(), strict=False):
         axes.set_title(task, fontsize="small")
         for k, agent in enumerate(agents):
             points = [point for point in of_task.get(agent, {}).get("curve", ()) if "mean" in point]
-            ink, dash = look(k)
-            steps = [point["steps"] / 1e6 for point in points]
-            axes.plot(steps, [point["mean"] for point in points], color=ink, linestyle=dash, label=agent)
-            if points and "low" in points[0]:
-                ends = ([point.get(key, point["mean"]) for point in points] for key in ("low", "high"))
-                axes.fill_between(steps, *ends, color=ink, alpha=0.16, linewidth=0)
+            known = ("mean", "low", "high") if points and "low" in points[0] else ("mean",)
+            ys = {key: [point.get(key, point["mean"]) for point in points] for key in known}
+            _line(axes, k, agent, [point["steps"] / 1e6 for point in points], ys)
         axes.set(ylim=(0, 1), xlabel="million agent-steps")
-    for axes in panels[len(every) :]:
+    for axes in panels[len(own["tasks"]) :]:
         axes.axis("off")
     panels[0].set_ylabel("games won")
     panels[0].legend(frameon=False, fontsize="x-small")

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from outlast.ecs.declarations.distributions import Distribution, integers, uniform
+from outlast.ecs.declarations.distributions import integers, uniform
 from outlast.ecs.kernels.errors import did_you_mean
 from outlast.envs.scenarios.hide_and_seek import HIDE_SMALL
 from outlast.envs.scenarios.scenario import Scenario
@@ -27,20 +27,16 @@ RESPONSES = (5_000_000, 20_000_000, 80_000_000)  # agent-steps of best responses
 TEST_SEEDS = range(2**62, 2**62 + 64)  # of worlds, one for each game of a task
 VALIDATION_SEED = 2**62 + 64  # of the worlds of validations
 SITUATION_SEED = TEST_SEEDS[-1]  # of the worlds of situations
-LIDAR = Lidar(rays=16, depth=10.0)
 TRAINED = "trained"  # the game of training, as a test
 STYLES = ("random", "scripted", "camper", "hunter", "hoarder", "healer")  # opponents in the survival game
 
 
 @dataclass(frozen=True)
 class TaskGame:
-    """A game that agents are tested in.
+    """A game that agents are tested in: TRAINED, that of training, or another one, named by the difference from it.
 
-    Attributes:
-        name: TRAINED for the game of training; otherwise the difference from it.
-        scenario: The game: observations have the same shape in all games of a task.
-        given: Numbers of the worlds in turn, by name: counts within the capacity of `scenario`, instead of drawn ones.
-        seed: Seed of the worlds, the same for all agents.
+    scenario: The game: observations have the same shape in all games of a task. given: Numbers of the worlds in turn,
+    by name: counts within the capacity of `scenario`, instead of drawn ones. seed: Of the worlds, for all agents.
     """
 
     name: str
@@ -55,16 +51,12 @@ class TaskGame:
 
 @dataclass(frozen=True)
 class Task:
-    """A task.
+    """A task, by its name and version: "ffa_2-v2".
 
-    Attributes:
-        name: Name and version: "ffa_2-v2".
-        about: One line for tables.
-        scenario: The game of training.
-        validation: The game by which checkpoints are chosen: that of training, or between it and those of the test.
-        tests: The games of the test: first that of training, then, in tasks of generalisation, games outside of it.
-        styles: Opponents without training.
-        mates: Whether agents have team-mates.
+    about: One line for tables. scenario: The game of training. validation: The game by which checkpoints are chosen:
+    that of training, or between it and those of the test. tests: The games of the test: first that of training, then,
+    in tasks of generalisation, games outside of it. styles: Opponents without training. mates: Whether agents have
+    team-mates.
     """
 
     name: str
@@ -76,9 +68,9 @@ class Task:
     mates: bool
 
     @property
-    def games(self) -> tuple[TaskGame, ...]:
-        """All games: of the tests, and of the validation."""
-        return (*self.tests, self.validation)
+    def games(self) -> dict[str, TaskGame]:
+        """All games, of the tests and of the validation, by name."""
+        return {game.name: game for game in (*self.tests, self.validation)}
 
 
 def task_of(name: str) -> Task:
@@ -95,15 +87,10 @@ def track_of(budget: int, games: int = GAMES) -> str:
 
 
 def check_training_seed(seed: int) -> None:
-    """Check that a seed is not one of the tests: worlds are keyed by (seed, world), so others never meet them.
-
-    Raises TrainingError.
-    """
+    """Raise TrainingError for a seed of the tests: worlds are keyed by (seed, world), so others never meet them."""
     if seed >= TEST_SEEDS.start:
-        raise TrainingError(
-            f"seed {seed}: seeds from 2**62 on are reserved for the worlds of tests, which training must not use; "
-            "take a smaller one"
-        )
+        reserved = "seeds from 2**62 on are reserved for the worlds of tests, which training must not use"
+        raise TrainingError(f"seed {seed}: {reserved}; take a smaller one")
 
 
 Game = Scenario | tuple[Scenario, Mapping[str, tuple[int, ...]]]  # with numbers that worlds are given
@@ -118,8 +105,8 @@ def _task(
     styles: tuple[str, ...] = STYLES,
 ) -> Task:
     """Return a task of this version. outside: Games of the test outside of training, by name."""
-    found: dict[str, Game] = {TRAINED: trained, **(outside or {})}
-    tests = (_game(*entry, seed) for seed, entry in zip(TEST_SEEDS, found.items(), strict=False))
+    tests = [_game(TRAINED, trained, TEST_SEEDS[0])]
+    tests += [_game(*entry, seed) for seed, entry in zip(TEST_SEEDS[1:], (outside or {}).items(), strict=False)]
     agents = trained.numbers()["agents_count"]
     mates = agents > trained.numbers().get("teams_count", agents)
     chosen_by = _game("validation", validation or trained, VALIDATION_SEED)
@@ -134,8 +121,7 @@ def _game(name: str, game: Game, seed: int) -> TaskGame:
 
 def _survival() -> Iterator[Task]:
     for name in ("ffa_2", "ffa_3", "teams_2", "teams_3"):
-        scenario = variant(name)
-        yield _task(name, scenario.about, scenario)
+        yield _task(name, variant(name).about, variant(name))
     scenario = variant("teams_3+health_cap+team_share+bounty+steering")
     yield _task("teams_3-mended", "teams_3 without the flaws of the paper's game", scenario)
 
@@ -143,55 +129,39 @@ def _survival() -> Iterator[Task]:
 def _generalisation() -> Iterator[Task]:
     duel = variant("ffa_2+health_cap+bounty+steering")
     trained = {"melee_damage": integers(5, 15), "safe_zone_damage": integers(1, 3), "steering_speed": uniform(4.0, 6.0)}
-    changes: dict[str, dict[str, Distribution]] = {
-        "strong blows": {"melee_damage": integers(25, 40)},
-        "harsh zone": {"safe_zone_damage": integers(6, 10)},
-        "slow agents": {"steering_speed": uniform(2.0, 3.0)},
-    }
     between = {
         "melee_damage": integers(16, 24),
         "safe_zone_damage": integers(4, 5),
         "steering_speed": uniform(3.0, 4.0),
     }
-    yield _task(
-        "numbers",
-        "numbers that vary, tested beyond their ranges",
-        duel.vary(**trained),
-        {name: duel.vary(**(trained | change)) for name, change in changes.items()},
-        duel.vary(**(trained | between | {"steering_speed": uniform(3.0, 4.0)})),
-    )
+    outside: dict[str, Game] = {
+        "strong blows": duel.vary(**(trained | {"melee_damage": integers(25, 40)})),
+        "harsh zone": duel.vary(**(trained | {"safe_zone_damage": integers(6, 10)})),
+        "slow agents": duel.vary(**(trained | {"steering_speed": uniform(2.0, 3.0)})),
+    }
+    about = "numbers that vary, tested beyond their ranges"
+    yield _task("numbers", about, duel.vary(**trained), outside, duel.vary(**between))
     # Policies change sides from world to world, so each number of boxes occurs twice: each side plays both.
     items = variant("ffa_3")
+    many = items.vary(n_heals=integers(8, 15), n_boxes=integers(4, 8))
     every = items.vary(n_heals=integers(1, 15), n_boxes=integers(1, 8))
-    yield _task(
-        "counts",
-        "many heals and boxes, tested with few",
-        items.vary(n_heals=integers(8, 15), n_boxes=integers(4, 8)),
-        {"few items": (every, {"heals_count": (1, 2, 3), "boxes_count": (1, 1, 2, 2)})},
-        (every, {"heals_count": (4, 5, 6), "boxes_count": (3,)}),
-    )
+    few: Game = (every, {"heals_count": (1, 2, 3), "boxes_count": (1, 1, 2, 2)})
+    some: Game = (every, {"heals_count": (4, 5, 6), "boxes_count": (3,)})
+    yield _task("counts", "many heals and boxes, tested with few", many, {"few items": few}, some)
     crowd = variant("ffa_2").replace(n_agents=6)
-    few = crowd.vary(n_agents=integers(2, 6))
-    yield _task(
-        "agents",
-        "crowds of four to six, tested with two",
-        crowd.vary(n_agents=integers(4, 6)),
-        {"two agents": (few, {"agents_count": (2,)})},
-        (few, {"agents_count": (3,)}),
-    )
-    open_floor = variant("ffa_2").with_(LIDAR)
+    agents, fewer = crowd.vary(n_agents=integers(4, 6)), crowd.vary(n_agents=integers(2, 6))
+    two, three = ((fewer, {"agents_count": (count,)}) for count in (2, 3))
+    yield _task("agents", "crowds of four to six, tested with two", agents, {"two agents": two}, three)
+    open_floor = variant("ffa_2").with_(Lidar(rays=16, depth=10.0))
     small, large = integers(2, 4), integers(6, 8)
-    yield _task(
-        "layouts",
-        "small mazes, tested in larger ones, in rooms and among pillars",
-        open_floor.with_(Maze(blocks=64)).vary(maze_columns=small, maze_rows=small),
-        {
-            "large mazes": open_floor.with_(Maze(blocks=160)).vary(maze_columns=large, maze_rows=large),
-            "rooms": open_floor.with_(Rooms(columns=3, rows=3)),
-            "pillars": open_floor.with_(Pillars(count=12)),
-        },
-        open_floor.with_(Maze(blocks=100, columns=5, rows=5)),
-    )
+    mazes = open_floor.with_(Maze(blocks=64)).vary(maze_columns=small, maze_rows=small)
+    outside = {
+        "large mazes": open_floor.with_(Maze(blocks=160)).vary(maze_columns=large, maze_rows=large),
+        "rooms": open_floor.with_(Rooms(columns=3, rows=3)),
+        "pillars": open_floor.with_(Pillars(count=12)),
+    }
+    about = "small mazes, tested in larger ones, in rooms and among pillars"
+    yield _task("layouts", about, mazes, outside, open_floor.with_(Maze(blocks=100, columns=5, rows=5)))
 
 
 @functools.cache

@@ -1,24 +1,29 @@
 """Verification: what a result claims is compared with its files, and every match is played again, action by action."""
 
+import contextlib
 import itertools
 import json
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from outlast.envs.errors import RecordingError, ScenarioError, UsageError
 
 from ..arena.players import Contender
+from ..base import policy_file
+from ..base.config import TrainingConfig, parse_warm_start
 from ..base.errors import TrainingError
+from ..base.presets import preset
 from ..base.processes import results
 from . import scores
-from .entry import Entry, chosen, entries_of, game_of, seats
+from .entry import STEPS, Entry, described, entries_of, most_steps, opponents_in, response_config
 from .games import Moves, digest, play
 from .manifest import Manifest, read
-from .policy_facts import SAME, agent_config, described, likeness, response_config, wrong_with_training
-from .result import NUMBERS, SELF, Content, Pairing, Result, read_json
+from .result import NUMBERS, SELF, Pairing, read_json
 from .situations import passed
 
 NEAR = 1e-4  # relative: smaller differences of figures are equal, since machines round sums differently
@@ -26,18 +31,18 @@ NEAR = 1e-4  # relative: smaller differences of figures are equal, since machine
 # policies of games.ROUNDING it is at most 1.3e-6; a search for actions to alter finds 5e-5.
 SHARE, FEW = 5e-6, 3
 ROUNDED = 2 / 64  # of situations: two of their 64 worlds may end otherwise on another machine
+SAME, LARGE = 0.7, 256  # cosine of two matrices, and their weights at least: one run keeps 0.98, two seeds have 0.2
+FOREIGN = "a function of the user's is not executed"
+UNCOMPARED = f"{FOREIGN}, so its choices were not compared"
 
 
 @dataclass(frozen=True)
 class Verification:
-    """A finding about a match, an entry, or scores.
+    """A finding about a match, an entry, or scores, called "fast ffa_2-v2 0, trained against scripted".
 
-    Attributes:
-        what: "fast ffa_2-v2 0, trained against scripted".
-        wrong: Contradiction with the result; empty if it has none.
-        missing: Parts that could not be verified, since files are missing; empty if all were.
-        differing: Number of actions within rounding of the choices of saved policies.
-        drawn: Number of actions that saved policies chose.
+    wrong: Contradiction with the result; empty if it has none. missing: Parts that could not be verified, since files
+    are missing; empty if all were. differing: Number of actions within rounding of the choices of saved policies.
+    drawn: Number of actions that saved policies chose.
     """
 
     what: str
@@ -67,14 +72,15 @@ class Verification:
         )
 
 
-Check = Callable[[], Verification]  # can be pickled
+class MissingError(UsageError):
+    """Something cannot be verified."""
 
 
 def verify(folder: Path, at_once: int = 1, only: str = "") -> Iterator[Verification]:
-    """Verify the results of a manifest, and yield the findings: of matches, and then of their entries; and of scores.
+    """Verify the results in a folder, and yield the findings: of matches, and then of their entries; and of scores.
 
-    folder: A folder of results. at_once: Number of processes. only: See `entries_of`. Raises TrainingError: the
-    manifest cannot be read, or belongs to other games.
+    at_once: Number of processes. only: See `entries_of`. Raises TrainingError: the manifest cannot be read, or belongs
+    to other games.
     """
     manifest = read(folder)
     entries = entries_of(manifest, only)
@@ -87,181 +93,178 @@ def verify(folder: Path, at_once: int = 1, only: str = "") -> Iterator[Verificat
             yield match
         yield first.of(matches)
     for (agent, task), group in itertools.groupby(entries, key=lambda entry: (entry.name, entry.task.name)):
-        if (twins := _found(f"{agent} {task}", _of_seeds, [*group])).wrong:
+        if (twins := _found(f"{agent} {task}", check_seeds, [*group])).wrong:
             yield twins
     if (folder / scores.NAME).exists():
-        yield _found(str(folder / scores.NAME), _of_scores, manifest)
+        yield _found(str(folder / scores.NAME), check_scores, manifest)
 
 
-def _found(what: str, judge: Callable[..., Verification], *arguments: Any) -> Verification:
-    """Return a finding; what cannot be read, or played, is wrong. judge: Returns it without `what`."""
-    try:
-        return replace(judge(*arguments), what=what)
-    except (RecordingError, ScenarioError, TrainingError, UsageError) as error:
-        return Verification(what, str(error))
-
-
-def _of_seeds(entries: Sequence[Entry]) -> Verification:
-    """Find seeds of an agent in a task that are one training: their interval would not cover other trainings."""
-    of_seed = {entry.seed: entry.manifest.result(entry.name, entry.task, entry.seed) for entry in entries}
-    trained = {seed: own for seed, own in of_seed.items() if own.content["candidates"] and own.content["policy"]}
-    for one, other in itertools.combinations(trained, 2):
-        digests = {trained[seed].content["policy"]["digest"] for seed in (one, other)}
-        paths = [trained[seed].policy() for seed in (one, other)]
-        if len(digests) < 2 or (all(path.exists() for path in paths) and likeness(*paths) > SAME):
-            return Verification("", f"seeds {one} and {other} are one training")
-    return Verification("")
-
-
-def _of_scores(manifest: Manifest) -> Verification:
-    """Compare the scores beside the results with those that follow from the results."""
-    path = manifest.folder / scores.NAME
-    same = json.loads(json.dumps(scores.scores([manifest]))) == read_json(path, lambda content: "")
-    return Verification("", "" if same else "the results have other scores: run `outlast benchmark score` again")
-
-
-def checks(entry: Entry) -> list[Check]:
+def checks(entry: Entry) -> list[partial[Verification]]:
     """Return the checks of an entry, each with one finding: the entry itself first, then matches, and situations."""
-    try:
-        result = entry.manifest.result(entry.name, entry.task, entry.seed)
-    except TrainingError as error:
-        return [partial(Verification, str(entry), str(error))]
-    found: list[Check] = [partial(_found, str(entry), _of_entry, entry, result)]
-    found += [partial(_found, f"{entry}, {pairing}", _of_match, entry, result, pairing) for pairing in result.matches]
-    if entry.first and result.content["policy"] is not None:
-        found.append(partial(_found, f"{entry}, situations", _of_situations, entry, result))
+    found = [partial(_found, str(entry), check_entry, entry)]
+    with contextlib.suppress(TrainingError):  # which the first check reports
+        matches = [pairing for pairing in entry.matches if pairing in entry.planned]
+        found += [partial(_found, f"{entry}, {pairing}", check_match, entry, pairing) for pairing in matches]
+        if entry.first and entry.content["policy"] is not None:
+            found.append(partial(_found, f"{entry}, situations", check_situations, entry))
     return found
 
 
-def _of_entry(entry: Entry, result: Result) -> Verification:
-    return Verification("", _wrong_with_entry(entry, result), _missing_of_entry(entry, result))
+def _found(what: str, check: Callable[..., Any], *arguments: Any) -> Verification:
+    """Return a finding: what a check raises is wrong or missing; it may return what is missing, differing and drawn."""
+    try:
+        return Verification(what, "", *(check(*arguments) or ()))
+    except MissingError as error:
+        return Verification(what, missing=str(error))
+    except (RecordingError, ScenarioError, UsageError) as error:
+        return Verification(what, str(error))
 
 
-def _missing_of_entry(entry: Entry, result: Result) -> str:
-    """Return the parts of an entry that are missing; empty if it is complete."""
-    content = result.content
-    if content["policy"] is None:
-        return "it has not been run"
-    if absent := [pairing for pairing in entry.planned if pairing not in result.matches]:
-        return f"{absent[0]} has not been played"
-    if entry.agent.function:
-        return "a function of the user's is not executed: nobody can tell whether it chose these actions"
-    candidates = range(len(content["candidates"]) if len(content["candidates"]) > 1 else 0)
-    files = [result.policy(), *map(result.policy, candidates), *map(result.response, content["responses"])]
-    gone = [path.name for path in files if not path.exists()]
-    return f"{gone[0]} is missing" if gone else ""
+def check_seeds(entries: Sequence[Entry]) -> None:
+    """Find seeds of an agent in a task that are one training: their interval would not cover other trainings."""
+    trained = [own for own in entries if own.content["candidates"] and own.content["policy"]]
+    for one, other in itertools.combinations(trained, 2):
+        paths = [one.policy(), other.policy()]
+        same = one.content["policy"]["digest"] == other.content["policy"]["digest"]
+        if same or (all(path.exists() for path in paths) and likeness(*paths) > SAME):
+            raise TrainingError(f"seeds {one.seed} and {other.seed} are one training")
 
 
-def _wrong_with_entry(entry: Entry, result: Result) -> str:
-    """Return the fault in the policies and the plan of an entry; empty if they are valid."""
-    content, task = result.content, entry.task
-    scores.check_planned(entry.manifest, result, task)
-    count, policy, own = len(content["candidates"]), content["policy"], entry.manifest.content
+def check_scores(manifest: Manifest) -> None:
+    """Compare the scores beside the results with those that follow from the results."""
+    if json.loads(json.dumps(scores.scores([manifest]))) != read_json(manifest.folder / scores.NAME, {}):
+        raise TrainingError("the results have other scores: run `outlast benchmark score` again")
+
+
+def check_entry(entry: Entry) -> None:
+    """Check the policies and the plan of an entry, and that nothing of it is missing."""
+    entry.check_planned()
+    content, count, policy = entry.content, len(entry.content["candidates"]), entry.content["policy"]
     if entry.agent.function:
         known = policy is None or (policy["steps"], policy["of_task"], policy["met"]) == (None, False, [])
-        return "" if known and not count else "it is a function, of whose training nothing can be known"
+        if count or not known:
+            raise TrainingError("it is a function, of whose training nothing can be known")
+    elif policy is not None:
+        if count != entry.candidates:
+            raise TrainingError(f"it has {count} candidates: {entry.candidates} are planned")
+        if policy != content["candidates"][best := entry.chosen()]:
+            raise TrainingError(f"its policy is not candidate {best}, which won most games in the validation")
+        _check_files(entry, best)
     if policy is None:
-        return ""
-    if count != entry.manifest.candidates(entry.agent):
-        return f"it has {count} candidates: {entry.manifest.candidates(entry.agent)} are planned"
-    best = chosen(result)
-    if policy != content["candidates"][best]:
-        return f"its policy is not candidate {best}, which won most games in the validation"
-    facts = [(result.policy(), policy)]
-    facts += [(result.policy(k), each) for k, each in enumerate(content["candidates"])]
-    facts += [(result.response(name), each) for name, each in content["responses"].items()]
-    for path, given in facts:
+        raise MissingError("it has not been run")
+    if absent := [pairing for pairing in entry.planned if pairing not in entry.matches]:
+        raise MissingError(f"{absent[0]} has not been played")
+    if entry.agent.function:
+        raise MissingError(f"{FOREIGN}: nobody can tell whether it chose these actions")
+    needed = [entry.policy(), *(entry.policy(k) for k in range(count) if count > 1)]
+    if gone := [path for path in (*needed, *map(entry.response, content["responses"])) if not path.exists()]:
+        raise MissingError(f"{gone[0].name} is missing")
+
+
+def _check_files(entry: Entry, best: int) -> None:
+    """Check the files of policies that are there: what the result says of them, and how they were trained."""
+    content, own = entry.content, entry.policy()
+    facts = [(entry.policy(k), given, k) for k, given in enumerate(content["candidates"])]
+    facts += [(entry.response(name), given, -1) for name, given in content["responses"].items()]
+    for path, given, k in [(own, content["policy"], best), *facts]:
         if not path.exists():
             continue
         if digest(path) != given["digest"]:
-            return f"{path.name} is not the file that was tested"
-        for what, found in described(path, task).items():
+            raise TrainingError(f"{path.name} is not the file that was tested")
+        for what, found in described(path, entry.task).items():
             if given[what] != found:
-                return f"{what} of {path.name} is {given[what]} in the result, but {found} in the file"
-    if entry.agent.trained:
-        config = agent_config(task, entry.agent, entry.seed, own["budget"], own["checkpoints"], 1)
-        for path, k in [(result.policy(), best), *((result.policy(k), k) for k in range(count))]:
-            steps = min(config.steps, config.every * (k + 1))
-            if path.exists() and (fault := wrong_with_training(path, config, steps)):
-                return fault
-    for name in content["responses"]:
-        kind, steps = name.split()
-        if (path := result.response(name)).exists() and result.policy().exists():
-            config = response_config(task, entry.seed, kind, int(steps), result.policy())
-            if fault := wrong_with_training(path, config, int(steps), str(result.policy())):
-                return fault
-    return ""
+                raise TrainingError(f"{what} of {path.name} is {given[what]} in the result, but {found} in the file")
+        if entry.agent.trained and k >= 0:
+            check_training(path, entry.config, entry.shares[k])
+    for kind, steps in map(str.split, content["responses"] if own.exists() else ()):
+        if (path := entry.response(f"{kind} {steps}")).exists():
+            check_training(path, response_config(entry.task, entry.seed, kind, int(steps), own), int(steps), str(own))
 
 
-def _of_situations(entry: Entry, result: Result) -> Verification:
-    own, absent = _agent(entry, result, -1)
-    given = result.content["situations"]
+def check_training(path: Path, config: TrainingConfig, steps: int, own: str = "") -> None:
+    """Compare the training of a file with what the protocol prescribes: a config, and agent-steps.
+
+    own: The file of the policy that a best response was trained against; "": any opponents. Raises TrainingError.
+    """
+    header = policy_file.read_header(path, ("plan", "preset", "scenario", STEPS))
+    plan, wanted = dict(header["plan"]), dict(config.header()["plan"])
+    for each in (plan, wanted):  # places and machines differ; a longer run has the same checkpoints
+        for key in ("threads", "every", "device", "processes", "steps", "asked"):
+            each.pop(key, None)
+        if own:  # in another folder
+            each["opponents"] = {Path(name).name: weight for name, weight in opponents_in(each).items()}
+            teacher, length = parse_warm_start(each.get("warm_start", ""))
+            each["warm_start"] = Path(teacher).name, length
+    given = {key: plan.get(key, value) for key, value in wanted.items()}  # earlier files lack some
+    given["game"] = not preset(header["preset"]).difference(header["scenario"], config.scenario)
+    for key, value in (wanted | {"game": True}).items():
+        if given[key] != value:
+            raise TrainingError(f"{path.name} was not trained as the protocol says: {key} is {given[key]}, not {value}")
+    if not steps <= header[STEPS] <= most_steps(steps):
+        raise TrainingError(f"{path.name} has {header[STEPS]:,} agent-steps, and {steps:,} are planned")
+
+
+def likeness(one: Path, other: Path) -> float:
+    """Return the largest cosine of two large matrices in the same place of two policies, without critics; 0 if none."""
+    first, second = map(_matrices, (one, other))
+    pairs = [(first[key], second[key]) for key in first if key in second and len(first[key]) == len(second[key])]
+    return max((float(a @ b / np.sqrt((a @ a) * (b @ b)).clip(1e-30)) for a, b in pairs), default=0.0)
+
+
+def _matrices(path: Path) -> dict[tuple[int, str], np.ndarray[Any, Any]]:
+    weights = [(k, name, values) for k, own in enumerate(policy_file.read(path)[1]) for name, values in own.items()]
+    large = [own for own in weights if own[2].ndim > 1 and own[2].size >= LARGE]
+    return {(k, n): each.ravel().astype(np.float64) for k, n, each in large if not n.startswith(policy_file.CRITIC)}
+
+
+def check_situations(entry: Entry) -> None:
+    """Try an entry in situations again."""
+    given, own = entry.content["situations"], _agent(entry, -1)
     if given is None:
-        return Verification("", missing="it has not been tried in situations")
+        raise MissingError("it has not been tried in situations")
     if own is None:
-        return Verification("", missing=absent)
+        raise MissingError(UNCOMPARED)
     found = passed(entry.task.scenario, own)
     if given.keys() != found.keys():
-        return Verification("", f"it has {', '.join(given) or 'none'}: the game has {', '.join(found) or 'none'}")
+        raise TrainingError(f"it has {', '.join(given) or 'none'}: the game has {', '.join(found) or 'none'}")
     for name, value in found.items():
         if abs(given[name] - value) > ROUNDED:
-            return Verification("", f"{name} is {given[name]} in the result, but {value} here")
-    return Verification("")
+            raise TrainingError(f"{name} is {given[name]} in the result, but {value} here")
 
 
-def _of_match(entry: Entry, result: Result, pairing: Pairing) -> Verification:
-    """Return the finding about a match, which is played again."""
-    path, match = result.folder / pairing.file, result.matches[pairing]
+def check_match(entry: Entry, pairing: Pairing) -> tuple[str, int, int]:
+    """Play a match again. Return what is not verified of it, and the numbers of actions that differ and were drawn."""
+    path, match = entry.folder / pairing.file, entry.matches[pairing]
     if not path.exists():
-        return Verification("", missing="its file is not here")
+        raise MissingError("its file is not here")
     if digest(path) != match["moves"]:
-        return Verification("", "its file is not the one that was made")
-    if pairing.against in result.content["responses"] and not (response := result.response(pairing.against)).exists():
-        return Verification("", missing=f"{response.name} is missing")
-    own, absent = _agent(entry, result, pairing.candidate)
-    rivals = dict[str, str]()
+        raise TrainingError("its file is not the one that was made")
+    if pairing.against in entry.content["responses"] and not (response := entry.response(pairing.against)).exists():
+        raise MissingError(f"{response.name} is missing")
 
-    def rival(name: str) -> Contender | None:
-        other = Entry(entry.manifest, name, entry.task, entry.seed)
-        its = entry.manifest.result(name, entry.task, entry.seed)
-        if its.content["policy"] is None or its.content["policy"]["digest"] != match["opponent"]:
-            raise RecordingError(f"its opponent is not the {name} of this seed")
-        policy, rivals[name] = _agent(other, its, -1)
-        return policy
+    def rival(other: Entry) -> Contender | None:
+        policy = other.content["policy"]
+        if policy is None or policy["digest"] != match["opponent"]:
+            raise TrainingError(f"its opponent is not the {other.name} of this seed")
+        return _agent(other, -1)
 
-    policies = seats(result, entry.task, pairing, own, rival)
-    functions = [name for name in rivals if entry.manifest.agents[name].function]
-    absent = absent or next((fault for fault in rivals.values() if fault), "")
-    if absent and not (entry.agent.function or functions):
-        return Verification("", missing=absent)
-    game = game_of(entry.task, pairing.game)
-    played = play(game, policies, entry.manifest.games(pairing), Moves.read(path))
-    wrong = _wrong_with_outcome(match, played.outcome, pairing.against == SELF)
-    return Verification("", wrong, absent, played.differing, played.drawn)
-
-
-def _agent(entry: Entry, result: Result, candidate: int) -> tuple[Contender | None, str]:
-    """Return the policy of an entry, and what is missing of it; None for a function, which is not executed."""
-    if entry.agent.function:
-        return None, "a function of the user's is not executed, so its choices were not compared"
-    path = result.policy(candidate)
-    if not path.exists():
-        return None, f"{path.name} is missing, so its choices were not compared"
-    return Contender(path.stem, str(path)), ""
-
-
-def _wrong_with_outcome(match: Content, outcome: Content, figures: bool) -> str:
-    """Return the contradiction between a match that was played again and the result; empty without one."""
+    policies = [_agent(entry, pairing.candidate), *entry.others(pairing, rival)]
+    played = play(entry.task.games[pairing.game], policies, entry.games(pairing), Moves.read(path))
     for key in NUMBERS:
-        if outcome[key] != match[key]:
-            return f"{key} is {match[key]} in the result, but {outcome[key]} in its games"
-    found = outcome["figures"] if figures else {}
-    for name in sorted(match["figures"].keys() | found.keys()):
-        one, two = (own.get(name, "nothing") for own in (match["figures"], found))
-        if one != two and not (isinstance(one, list) and isinstance(two, list) and _near(one, two)):
-            return f"{name} is {one} in the result, but {two} in its games"
-    return ""
+        if played.outcome[key] != match[key]:
+            raise TrainingError(f"{key} is {match[key]} in the result, but {played.outcome[key]} in its games")
+    figures = played.outcome["figures"] if pairing.against == SELF else {}
+    for name in sorted(match["figures"].keys() | figures.keys()):
+        one, two = (own.get(name, "nothing") for own in (match["figures"], figures))
+        if one != two and not (isinstance(one, list) and isinstance(two, list) and np.allclose(one, two, NEAR, 1e-9)):
+            raise TrainingError(f"{name} is {one} in the result, but {two} in its games")
+    return UNCOMPARED if None in policies else "", played.differing, played.drawn
 
 
-def _near(given: Sequence[float], found: Sequence[float]) -> bool:
-    return all(abs(a - b) <= max(1e-9, NEAR * max(abs(a), abs(b))) for a, b in zip(given, found, strict=True))
+def _agent(entry: Entry, candidate: int) -> Contender | None:
+    """Return the policy of an entry; None for a function, which is not executed. Raises MissingError."""
+    if entry.agent.function:
+        return None
+    if not (path := entry.policy(candidate)).exists():
+        raise MissingError(f"{path.name} is missing, so its choices were not compared")
+    return entry.contender(candidate)

@@ -3,7 +3,6 @@
 import argparse
 import contextlib
 import functools
-import itertools
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Any
 
 from outlast.ecs.kernels.available import available_cores
 from outlast.envs.cli.grammar import Parser
-from outlast.envs.cli.options import STOPPED, add_options, count, output, positive, seed
+from outlast.envs.cli.options import STOPPED, add_options, output, positive, seed
 from outlast.envs.errors import needed
 from outlast.envs.progress import Progress, duration
 from outlast.envs.storage.outputs import check_file
@@ -53,7 +52,7 @@ def add(commands: Any) -> None:
     )
     text = "compare agents by one protocol, with verifiable results"
     command = commands.add_parser("benchmark", help=text, description=description, examples=examples)
-    command.add_argument("action", choices=tuple(ACTIONS), metavar="ACTION", help=f"what to do: {', '.join(ACTIONS)}")
+    command.add_argument("action", choices=NAMES, metavar="ACTION", help=f"what to do: {', '.join(NAMES)}")
     text = "plan: tasks, or all; run, score, pack: a folder of results; verify, table: folders, or archives of them "
     text += f"(default {RESULTS}); check: archives; situations, anchors: a task; people: recordings"
     command.add_argument("names", nargs="*", metavar="NAME", help=text)
@@ -64,11 +63,12 @@ def add(commands: Any) -> None:
     plan.add_argument("--agent", action="append", default=[], metavar="AGENT", help=text)
     text = "plan: seeds of training; each is an entry of its own (default 0 1 2 3 4, as ratings need five)"
     plan.add_argument("--seed", type=seed, nargs="+", default=[0, 1, 2, 3, 4], help=text)
-    steps = ", ".join(f"{steps:,}" for steps in BUDGETS.values())
-    text = f"plan: agent-steps of training; the tracks have {steps} (default 10e6)"
+    text = (
+        f"plan: agent-steps of training; the tracks have {', '.join(f'{n:,}' for n in BUDGETS.values())} (default 10e6)"
+    )
     protocol.add_argument("--budget", type=positive, default=BUDGETS["10M"], metavar="N", help=text)
     text = f"plan, anchors: games of each test (default {GAMES}, as in all tracks)"
-    protocol.add_argument("--games", type=_games, default=GAMES, metavar="N", help=text)
+    protocol.add_argument("--games", type=positive, default=GAMES, metavar="N", help=text)
     text = "plan: agent-steps of best responses to the first seed, or none (default 5e6 20e6 80e6)"
     protocol.add_argument("--responses", type=_responses, nargs="+", default=[*RESPONSES], metavar="N", help=text)
     text = "plan: two agents to compare, as in fast,mine (can be repeated)"
@@ -99,15 +99,16 @@ def add(commands: Any) -> None:
 
 def run(command: Parser, options: argparse.Namespace) -> int:
     """Run the action. Return the exit status."""
-    action, allowed = ACTIONS[options.action]
-    given = [name for name, value in vars(options).items() if value != command.get_default(name)]
-    if unused := [name for name in given if name not in ("action", "names", "run", *allowed)]:
-        raise TrainingError(f"--{unused[0]} has no effect on benchmark {options.action}: leave it out")
-    options.out = options.out and Path(options.out)
+    for option in command._actions:  # their help begins with the actions that take them
+        actions = [word for text in (option.help or "").split("; ") for word in text.partition(":")[0].split(", ")]
+        given = option.option_strings and getattr(options, option.dest, option.default) != option.default
+        if given and options.action not in actions:
+            raise TrainingError(f"--{option.dest} has no effect on benchmark {options.action}: leave it out")
+    options.out, options.jobs = options.out and Path(options.out), options.jobs or available_cores()
     if options.action != "tasks":
         with needed("train", f"benchmark {options.action} needs {{}}", TrainingError):
             import torch  # noqa: F401  # all else plays policies
-    return action(options)
+    return ACTIONS[options.action](options) or 0
 
 
 def _check_out(place: str) -> Path:
@@ -115,123 +116,86 @@ def _check_out(place: str) -> Path:
     return check_file(place, "archives", TrainingError) if place.endswith(".zip") else check_out(place)
 
 
-def _games(text: str) -> int:
-    number = count(text, 2)
-    if number % 2:
-        raise argparse.ArgumentTypeError(f"{text}: must be even, so that both play each side equally often")
-    return number
-
-
 def _responses(text: str) -> int:
     return 0 if text == "none" else int(positive(text))
 
 
-def _tasks(options: argparse.Namespace) -> int:
+def _tasks(options: argparse.Namespace) -> None:
     """List the tasks."""
     if options.names:
         raise TrainingError(f"benchmark tasks lists all: leave out {options.names[0]}")
-    rows = []
-    for task in tasks().values():
-        tested = ", ".join(game.name for game in task.tests[1:])
-        rows.append((task.name, task.about + (f" ({tested})" if tested else "")))
+    tested = {task: ", ".join(game.name for game in task.tests[1:]) for task in tasks().values()}
+    rows = [(task.name, task.about + (f" ({games})" if games else "")) for task, games in tested.items()]
     print(text_table(rows, width=terminal_width()))
-    return 0
 
 
-def _plan(options: argparse.Namespace) -> int:
+def _plan(options: argparse.Namespace) -> None:
     """Write the manifest."""
     from ..benchmark import manifest
-    from ..benchmark.agents import Agent
     from ..benchmark.entry import entries_of
 
     if not options.names or not options.agent:
         raise TrainingError("benchmark plan needs tasks and agents, as in: benchmark plan ffa_2-v2 --agent fast")
-    settings = {"opponents": options.opponents, "memory": options.memory, "settings": options.ppo}
-    agents = [Agent.of(text, {name: value for name, value in settings.items() if value}) for text in options.agent]
+    given = {"opponents": options.opponents, "memory": options.memory, "settings": options.ppo}
+    agents = [manifest.Agent.of(text, {name: own for name, own in given.items() if own}) for text in options.agent]
     chosen = [task_of(name) for name in (tasks() if options.names == ["all"] else options.names)]
     numbers = {"budget": options.budget, "games": options.games, "effect": options.effect}
     numbers["responses"] = sorted(steps for steps in options.responses if steps)
     pairs = [tuple(text.split(",")) for text in options.pair]
     made = manifest.write(options.out or RESULTS, chosen, agents, options.seed, pairs, **numbers)
-    print(f"{made.folder / manifest.NAME}: {_about(entries_of(made), _jobs(options))}")
-    return 0
+    print(f"{made.folder / manifest.NAME}: {_about(entries_of(made), options.jobs)}")
 
 
 def _about(entries: Sequence[Any], at_once: int) -> str:
     """Return a summary of the work and its expected time."""
-    matches, seconds = sum(len(entry.planned) for entry in entries), sum(entry.seconds() for entry in entries)
+    matches, seconds = sum(len(entry.planned) for entry in entries), sum(entry.work()[2] for entry in entries)
     several, at_once = "entries" if len(entries) > 1 else "entry", min(at_once, len(entries))
-    return (
-        f"{len(entries)} {several}, {at_once} at a time: {matches:,} matches, about {duration(seconds / at_once)} on "
-        "idle cores like those of docs/performance.md"
-    )
+    work = f"{matches:,} matches, about {duration(seconds / at_once)} on idle cores like those of docs/performance.md"
+    return f"{len(entries)} {several}, {at_once} at a time: {work}"
 
 
-class ChildEntry(ChildRun):
-    """An entry that runs in its own process."""
-
-    def __init__(self, entry: Any, threads: int) -> None:
-        """Take the threads of its training."""
-        super().__init__(entry.folder, [], resume=False)
-        self.entry = entry
-        words = ["run", str(entry.manifest.folder), f"--only={entry}", f"--threads={threads}", "--quiet"]
-        self.words = [sys.executable, "-m", MAIN, "benchmark", *words]
-
-    @property
-    def name(self) -> str:
-        """Return its name in messages."""
-        return str(self.entry)
-
-    def steps(self) -> int:
-        """Return the work done, judging by the files in its folder."""
-        return int(self.entry.done())
+def _child(entry: Any, threads: int) -> ChildRun:
+    """Return the run of an entry in its own process. threads: Of its training."""
+    words = ["run", str(entry.manifest.folder), f"--only={entry}", f"--threads={threads}", "--quiet"]
+    child = ChildRun(entry.folder, [], resume=False)
+    child.name, child.words = str(entry), [sys.executable, "-m", MAIN, "benchmark", *words]
+    return child
 
 
 def _run(options: argparse.Namespace) -> int:
     """Run the entries: one in this process, several side by side; then the matches between agents."""
     from ..benchmark import manifest
-    from ..benchmark.entry import entries_of
+    from ..benchmark.entry import EntryRun, entries_of
 
     made = manifest.read(_place(options))
     entries = entries_of(made, options.only, options.threads or 0)
-    if len(entries) == 1:
-        return _run_one(entries[0], options)
-    at_once, total = min(_jobs(options), len(entries)), sum(entry.work for entry in entries)
+    at_once, total = min(options.jobs, len(entries)), sum(entry.work()[1] for entry in entries)
 
     def done() -> int:
-        return sum(entry.done() for entry in entries)
+        return sum(entry.work()[0] for entry in entries)
 
-    for chosen in filter(None, (entries, [entry for entry in entries if made.opponents(entry.name)])):
-        children = [ChildEntry(entry, options.threads or 1) for entry in chosen]
+    def progress(done: int, text: str) -> None:
+        view.update(done, total, {})
+        view.now(text)
+
+    compared = [entry for entry in entries if entry.name in dict(made.content["pairs"])]
+    for chosen in filter(None, (entries, compared) if len(entries) > 1 else ()):
+        children = [_child(entry, options.threads or 1) for entry in chosen]
         view = LiveView(done(), total, quiet=options.quiet, about=_about(entries, at_once))
         if status := side_by_side(children, at_once, view, done, AGAIN):
             return status
-    return 0
-
-
-def _run_one(entry: Any, options: argparse.Namespace) -> int:
-    from ..benchmark.entry import EntryRun
-
-    view = LiveView(entry.done(), entry.work, quiet=options.quiet, about=_about([entry], 1))
-
-    def progress(done: int, text: str) -> None:
-        view.update(done, entry.work, {})
-        view.now(text)
-
+    if len(entries) > 1:
+        return 0
+    view = LiveView(done(), total, quiet=options.quiet, about=_about(entries, at_once))
     try:
-        found = EntryRun(entry, progress).run()
+        found = EntryRun(entries[0], progress).run()
     except KeyboardInterrupt:
         print(AGAIN, file=sys.stderr)
         return STOPPED
     finally:
         view.close()
-    print(f"{len(found.matches)} of {len(entry.planned)} matches in {found.folder}")
+    print(f"{len(found.matches)} of {len(found.planned)} matches in {found.folder}")
     return 0
-
-
-def _jobs(options: argparse.Namespace) -> int:
-    """Return the number of entries, or matches, that run at a time."""
-    return int(options.jobs or available_cores())
 
 
 def _place(options: argparse.Namespace) -> Path:
@@ -254,20 +218,24 @@ def _score(options: argparse.Namespace) -> int:
     return 2 if gone else 0
 
 
-def _verify(options: argparse.Namespace, introduce: Callable[[str, Path], None] = lambda name, place: None) -> int:
-    """Verify. Return exit status 1 if anything is wrong, 2 if anything could not be verified, otherwise 0.
-
-    introduce: Called with each name in the arguments and the folder of its results.
-    """
+def _verify(options: argparse.Namespace) -> int:
+    """Verify. Return exit status 1 if anything is wrong, 2 if anything could not be verified, otherwise 0."""
+    from ..benchmark import manifest, scores
     from ..benchmark.archive import opened
     from ..benchmark.verify import verify
 
+    if options.action == "check" and not options.names:
+        raise TrainingError("benchmark check needs archives that `outlast benchmark pack` made, as in: check mine.zip")
     fine, wrong, missing = "as recorded", "wrong", "not verified"
     counts = {fine: 0, wrong: 0, missing: 0}
     for name in options.names or [RESULTS]:
         with opened(Path(name)) as place:
-            introduce(name, place)
-            for found in verify(place, _jobs(options), options.only):
+            if options.action == "check":
+                made = manifest.read(place)
+                print(f"{name}: {Path(name).stat().st_size / 1e6:.1f} MB, track {made.track or 'none'}")
+                with contextlib.suppress(TrainingError):  # which verification reports
+                    print(*scores.lines(scores.scores([made])), sep="\n")
+            for found in verify(place, options.jobs, options.only):
                 kind = wrong if found.wrong else missing if found.missing else fine
                 counts[kind] += 1
                 if not options.quiet or kind == wrong or (kind == missing and not options.allow_missing):
@@ -278,36 +246,16 @@ def _verify(options: argparse.Namespace, introduce: Callable[[str, Path], None] 
     return 1 if counts[wrong] else 2 if counts[missing] and not options.allow_missing else 0
 
 
-def _check(options: argparse.Namespace) -> int:
-    """Do what a maintainer does with an entry: score it anew, and verify all. Return as `_verify`."""
-    if not options.names:
-        raise TrainingError("benchmark check needs archives that `outlast benchmark pack` made, as in: check mine.zip")
-    return _verify(options, _introduce)
-
-
-def _introduce(name: str, place: Path) -> None:
-    """Print size, track and scores of an archive, which is open in a folder."""
-    from ..benchmark import manifest, scores
-
-    made = manifest.read(place)
-    print(f"{name}: {Path(name).stat().st_size / 1e6:.1f} MB, track {made.track or 'none'}")
-    try:
-        print(*scores.lines(scores.scores([made])), sep="\n")
-    except TrainingError as error:  # which verification reports, too
-        print(error)
-
-
-def _pack(options: argparse.Namespace) -> int:
+def _pack(options: argparse.Namespace) -> None:
     """Write an archive."""
     from ..benchmark.archive import pack
 
     place = _place(options)
     out = options.out or place.resolve().with_suffix(".zip")
     print(f"{out}: {pack(place, out, options.small) / 1e6:.2f} MB")
-    return 0
 
 
-def _table(options: argparse.Namespace) -> int:
+def _table(options: argparse.Namespace) -> None:
     """Write the tables, and print their paths."""
     from ..benchmark import manifest, people, scores, table
     from ..benchmark.archive import opened
@@ -316,12 +264,11 @@ def _table(options: argparse.Namespace) -> int:
     with contextlib.ExitStack() as stack:
         places = [stack.enter_context(opened(name)) for name in names]
         found = scores.scores([manifest.read(place) for place in places])
-        games = list(itertools.chain.from_iterable(people.read(place) for place in places))
+        games = [own for place in places for own in people.read(place)]
         print(*table.write(found, games, options.out or (names[0] if names[0].is_dir() else Path())), sep="\n")
-    return 0
 
 
-def _people(options: argparse.Namespace) -> int:
+def _people(options: argparse.Namespace) -> None:
     """Add the games of a person."""
     from ..benchmark import people, table
 
@@ -329,10 +276,9 @@ def _people(options: argparse.Namespace) -> int:
         raise TrainingError("benchmark people needs recordings and a name, as in: benchmark people a.rec --agent you")
     games = people.add(options.out or RESULTS, options.agent[0], [Path(name) for name in options.names])
     print(text_table(people.rows(games), table.PEOPLE_HEADS, width=terminal_width()))
-    return 0
 
 
-def _anchors(options: argparse.Namespace) -> int:
+def _anchors(options: argparse.Namespace) -> None:
     """Rate checkpoints, for maintainers of the benchmark."""
     from ..benchmark.suite import make
 
@@ -340,38 +286,23 @@ def _anchors(options: argparse.Namespace) -> int:
         raise TrainingError("benchmark anchors needs a task, --policies and --out")
     with Progress(0, "matches", quiet=options.quiet) as progress:
         print(make(task_of(options.names[0]), options.policies, options.out, options.games, progress.show))
-    return 0
 
 
-def _situations(options: argparse.Namespace) -> int:
+def _situations(options: argparse.Namespace) -> None:
     """Print which situations policies pass."""
     from ..arena.players import contenders
     from ..benchmark import situations
 
     if len(options.names) != 1:
-        raise TrainingError(
-            "benchmark situations needs a task, as in: benchmark situations teams_3-v2 --policies scripted"
-        )
+        raise TrainingError("benchmark situations needs a task, as in: situations teams_3-v2 --policies scripted")
     task, policies = task_of(options.names[0]), [str(path) for path in options.policies]
     chosen = [None, *(contenders(policies) if policies else [])]
     with Progress(len(chosen) * len(situations.SITUATIONS), "scenes", quiet=options.quiet) as progress:
         columns = [situations.shares(task.scenario, each, progress.add) for each in chosen]
     heads = ("situation", *("solution" if each is None else each.label for each in chosen))
     print(text_table(situations.table(columns), heads, width=terminal_width()))
-    return 0
 
 
-PLAN = ("agent", "seed", "budget", "games", "responses", "pair", "effect", "opponents", "ppo", "memory", "out")
-ACTIONS: dict[str, tuple[Callable[[argparse.Namespace], int], tuple[str, ...]]] = {
-    "tasks": (_tasks, ()),
-    "plan": (_plan, PLAN),
-    "run": (_run, ("only", "jobs", "threads", "quiet")),
-    "score": (_score, ()),
-    "verify": (_verify, ("only", "jobs", "quiet", "allow_missing")),
-    "pack": (_pack, ("out", "small")),
-    "check": (_check, ("jobs", "quiet")),
-    "table": (_table, ("out",)),
-    "situations": (_situations, ("policies", "quiet")),
-    "people": (_people, ("agent", "out")),
-    "anchors": (_anchors, ("policies", "games", "out", "quiet")),
-}  # by action, the options that have an effect
+NAMES = ("tasks", "plan", "run", "score", "verify", "pack", "check", "table", "situations", "people", "anchors")
+WHAT = (_tasks, _plan, _run, _score, _verify, _pack, _verify, _table, _situations, _people, _anchors)
+ACTIONS: dict[str, Callable[[argparse.Namespace], int | None]] = dict(zip(NAMES, WHAT, strict=True))

@@ -33,7 +33,7 @@ class ChildRun:
 
     If this process ends without stopping it, as by kill -9, the run also saves and stops: see `end_with_parent`.
 
-    folder: The folder of the run, which also names it. words: The words of the command line that trains it.
+    folder: The folder of the run. name: Its name in messages. words: The words of the command line that trains it.
     """
 
     def __init__(self, folder: Path, words: Sequence[str], *, resume: bool) -> None:
@@ -42,14 +42,9 @@ class ChildRun:
         words: Arguments and options of `outlast train` for this run, without --out, --resume and --quiet.
         resume: Whether to continue the run in the folder; without a folder, the run begins.
         """
-        self.folder = folder
+        self.folder, self.name = folder, folder.name
         self.words = [sys.executable, "-m", MAIN, "train", *words, "--out", str(folder), "--quiet"]
         self.words += ["--resume"] * (resume and folder.exists())
-
-    @property
-    def name(self) -> str:
-        """The name of the run in messages."""
-        return self.folder.name
 
     def start(self) -> None:
         """Start the process, which begins or continues the run."""
