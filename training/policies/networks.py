@@ -146,11 +146,6 @@ class Tower(nn.Module):
         return self.activation(self.second(first))
 
 
-def dense(inputs: int, outputs: int) -> nn.Linear:
-    """Return a dense layer with orthogonal weights and a bias of 0."""
-    return begin(nn.Linear(inputs, outputs, **FLOAT))
-
-
 def begin(layer: nn.Linear, gain: float = GAIN) -> nn.Linear:
     """Initialise a layer with orthogonal weights and a bias of 0, and return it."""
     nn.init.orthogonal_(layer.weight, gain)

@@ -15,7 +15,7 @@ from ..base.errors import TrainingError
 from ..base.observation_layout import ObservationLayout
 from ..base.presets import Preset
 from . import compiled_networks
-from .networks import Extractor, Memory, Tower, dense
+from .networks import Extractor, Memory, Tower, begin
 from .rows import Observed, Rows
 from .torch_settings import FLOAT, INDEX, playing
 
@@ -182,7 +182,7 @@ class ActorCritic(Networks):
         self.extractors = nn.ModuleList(Extractor(self.layout, preset, self.scales) for _ in range(count))
         self.apart = not (preset.shared or memory)
         self.recurrent = Memory(inputs, memory) if memory else None
-        self.overview = dense(state, preset.hidden) if state else None
+        self.overview = begin(nn.Linear(state, preset.hidden, **FLOAT)) if state else None
         self.actor = Tower(preset, inputs + memory, sum(sizes), GAIN)
         self.critic = Tower(preset, inputs + memory + (preset.hidden if state else 0), 1, 1.0)
         self.plan = compiled_networks.plan(self) if type(self) is ActorCritic else None  # subclasses may differ
