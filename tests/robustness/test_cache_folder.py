@@ -323,7 +323,7 @@ def test_bytecode_without_sources_is_enough(tmp_path: Path) -> None:
     package = Path(outlast.__file__).parent
     for part in ("ecs", "components", "systems", "envs", "training"):
         shutil.copytree(package / part, tmp_path / "outlast" / part)
-    for file in package.glob("*.py"):
+    for file in package.glob("*.py*"):
         shutil.copy(file, tmp_path / "outlast")
     compileall.compile_dir(tmp_path / "outlast", quiet=1, legacy=True)
     for source in (tmp_path / "outlast").rglob("*.py"):
