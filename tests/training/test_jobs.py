@@ -108,7 +108,7 @@ def test_a_program_without_a_main_guard_is_told_so_in_the_last_line(tmp_path: Pa
     """Each process runs the program again; from standard input it cannot be imported, with a guard or without one."""
     (tmp_path / "program.py").write_text(UNGUARDED[name])
     ended = subprocess.run(
-        [sys.executable, file], cwd=tmp_path, input=UNGUARDED[name], capture_output=True, text=True, timeout=120
+        [sys.executable, file], cwd=tmp_path, input=UNGUARDED[name], capture_output=True, text=True, timeout=280
     )
     assert (ended.returncode, (tmp_path / "run").exists()) == (1, False)
     guard, place = 'which must start it under if __name__ == "__main__":', "standard input, .*: put it into a file$"
