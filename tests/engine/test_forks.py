@@ -20,18 +20,13 @@ PATIENCE = 60.0  # seconds until a test fails in which a process does not come
 
 
 class Forks:
-    """Stand-in work, in processes on a pretended number of cores.
+    """Work in processes on a pretended number of cores, which write into a log in `folder`.
 
-    Attributes:
-        folder: A folder for files by which processes communicate.
-        ended: The statuses of the forks that this process has waited for.
-        killed: Ids to which a signal was sent, and whether they were children of this process that had not ended.
+    ended: statuses of forks that were waited for. killed: by id, whether a child got a signal that had not ended.
     """
 
     def __init__(self, folder: Path, patch: pytest.MonkeyPatch) -> None:
         self.folder, self._patch = folder, patch
-        self._meeting: int
-        self._writing: int | None
         self._meeting, self._writing = os.pipe()
         self.ended, self.killed = list[int](), dict[int, bool]()
         wait, kill = os.waitpid, os.kill
@@ -66,15 +61,15 @@ class Forks:
 
     def meet(self) -> None:
         """Wait until all processes that were forked since this object was made have come here once, or have ended."""
-        if self._writing is not None:
+        if self._writing >= 0:
             os.close(self._writing)
-            self._writing = None
+            self._writing = -1
         assert os.read(self._meeting, 1) == b""
 
     def close(self) -> None:
         """Close the pipe."""
         for end in (self._meeting, self._writing):
-            if end is not None:
+            if end >= 0:
                 os.close(end)
 
 

@@ -212,9 +212,8 @@ def test_arrays_that_kernels_return_are_counted() -> None:
 def test_gaps_are_never_more_than_the_way_between_surfaces(seed: int, grid: bool) -> None:
     """From the circle around one body to the surface of another, and so at most the way between them."""
     body, shape, entities = random_bodies(seed, grid)
-    solid = Solid(
-        (np.arange(ROWS) % 3 == 0).astype(np.uint8), _column(np.arange(ROWS) % 5 * 0.1), _column(np.ones(ROWS))
-    )
+    number = np.arange(ROWS)
+    solid = Solid((number % 3 == 0).astype(np.uint8), _column(number % 5 * 0.1), _column(number))
     near = np.zeros(ROWS + SIMD_WIDTH, np.uint8)
     near[:ROWS] = solid.may_collide
     out, most = np.zeros((1 + ROWS, ROWS), F4), F4(4)
