@@ -13,9 +13,8 @@ from outlast.components import Bag, Phase, Side
 from outlast.ecs import Array, Clock, DeclarationError, Event, Module, Read, Rows, Singleton, Write, column, emit
 from outlast.envs.inspect.event_table import COLUMNS, event_table
 from outlast.envs.inspect.world_json import events
-from outlast.envs.rollout import table_file
-from outlast.envs.rollout.policies import POLICIES, random_policy
-from tests.conftest import interrupted_after, run
+from outlast.envs.rollout.policies import random_policy
+from tests.conftest import run
 from tests.helpers.outputs import rows_of
 
 ROLLOUT = ("rollout", "ffa_2", "--worlds=3", "--set=safe_zone_damage=20", "--set=pickup_reach=4.0", "--quiet")
@@ -45,43 +44,6 @@ def test_a_file_says_what_the_environment_said(capsys, tmp_path: Path) -> None:
     assert list(rows[0]) == list(COLUMNS)
     assert [list(row.values()) for row in rows] == expected
     assert {"hit", "death", "strike", "item_picked", "item_used"} <= {row["event"] for row in rows}
-
-
-def test_parquet_has_the_same_rows_with_types(capsys, tmp_path: Path) -> None:
-    parquet = pytest.importorskip("pyarrow.parquet")
-    for name in ("a.csv", "a.parquet"):
-        assert run(capsys, *ROLLOUT, "--steps=40", "--events", tmp_path / name)[0] == 0
-    table = parquet.read_table(tmp_path / "a.parquet")
-    assert [str(field.type) for field in table.schema] == [*3 * ["int64"], *3 * ["string"], "double", *2 * ["string"]]
-    texts = [
-        ["" if value is None else f"{value:g}" if isinstance(value, float) else str(value) for value in row.values()]
-        for row in table.to_pylist()
-    ]
-    assert texts == [list(row.values()) for row in rows_of(tmp_path / "a.csv")]
-
-
-def test_whole_episodes_only(capsys, tmp_path: Path) -> None:
-    path = tmp_path / "events.csv"
-    out = run(capsys, *ROLLOUT, "--episodes=2", "--policy=noop", "--events", path)[1]
-    rows = rows_of(path)
-    assert {(row["world"], row["episode"]) for row in rows} == {(str(w), str(k)) for w in range(3) for k in (1, 2)}
-    deaths = sum(row["event"] == "death" for row in rows)
-    assert float(out.split("deaths_zone")[1].split()[0]) == pytest.approx(deaths / 6, abs=1e-4)
-
-
-def test_ctrl_c_leaves_what_there_is(capsys, tmp_path: Path, monkeypatch) -> None:
-    whole, part = tmp_path / "whole.csv", tmp_path / "part.csv"
-    zone = ("--set=safe_zone_stand=1", "--set=safe_zone_shrink=5")
-    rollout = (*ROLLOUT, "--steps=60", "--policy=noop", *zone, "--events")
-    run(capsys, *rollout, whole)
-    monkeypatch.setitem(POLICIES, "noop", interrupted_after(30))
-    monkeypatch.setattr(table_file, "ROWS", 1)
-    assert run(capsys, *rollout, part)[0] == 130
-    rows = rows_of(part)
-    assert rows
-    assert rows == rows_of(whole)[: len(rows)]
-    assert len(rows) < len(rows_of(whole))
-    assert sorted(file.name for file in tmp_path.iterdir()) == ["part.csv", "whole.csv"]
 
 
 def test_a_replay_writes_the_same_file(capsys, tmp_path: Path) -> None:

@@ -160,25 +160,6 @@ def test_draws_change_where_episodes_begin_and_nowhere_else() -> None:
     assert changes
 
 
-def test_each_world_is_played_by_the_policy_that_was_drawn() -> None:
-    env = outlast.make_vec("teams_3", 9, seed=0)
-    observations, _ = env.reset()
-    asked = []
-
-    def play(observations: Any) -> Any:
-        asked.append(1)
-        return np.full((9, 4, 6), 1)
-
-    lineup = mixed({"scripted": 1, "noop": 1, play: 1e-9}, env)
-    assert lineup.names == ("scripted", "noop", "play")
-    actions = told(lineup, env)(observations)
-    for k, name in enumerate(("scripted", "noop")):
-        assert (lineup.drawn == k).any()
-        expected = POLICIES[name](env, 0)(observations)
-        np.testing.assert_array_equal(actions[lineup.drawn == k], expected[lineup.drawn == k])
-    assert not asked  # it plays in no world
-
-
 def test_policies_of_a_lineup_have_memories_and_are_checked() -> None:
     env = outlast.make_vec("teams_3", 9, seed=0)
     one, other = Remembering(), Remembering()

@@ -24,6 +24,7 @@ from tests.conftest import run
 
 NAME = "teams_3/fast-0"
 LONG = "teams_2+health_cap+team_share+bounty+steering+give_last_reach=10/pool-0"  # whose address has %2B and %3D
+needs_results = pytest.mark.skipif(not RESULTS.is_dir(), reason="results are not part of this archive")
 
 
 @contextlib.contextmanager
@@ -66,7 +67,7 @@ def described(address: str) -> Message:
     return about
 
 
-@pytest.mark.skipif(not RESULTS.is_dir(), reason="results are not part of this archive")
+@needs_results
 def test_the_table_has_a_row_for_each_file() -> None:
     files = {path.relative_to(RESULTS).as_posix(): path for path in (RESULTS / "policies").rglob("*.safetensors")}
     assert files.keys() == {model.file for model in models().values()}
@@ -76,7 +77,7 @@ def test_the_table_has_a_row_for_each_file() -> None:
         assert 0 <= model.wins <= 1
 
 
-@pytest.mark.skipif(not RESULTS.is_dir(), reason="results are not part of this archive")
+@needs_results
 def test_the_table_agrees_with_the_headers() -> None:
     pytest.importorskip("safetensors", reason="needs safetensors: outlast[train]")
     from outlast.training.base.policy_file import read_header
@@ -114,30 +115,24 @@ def test_a_name_is_a_model_and_a_path_is_a_path(tmp_path: Path, monkeypatch) -> 
     assert checked_entries([(NAME, 1), (f"./{NAME}", 1)]) == [(NAME, 1.0), (str(newest), 1.0)]
 
 
-@pytest.mark.parametrize("name", ["teams_3/fast-9", "teams_3/fst-0"])
-def test_unknown_names_are_refused(name: str) -> None:
-    words = r"did you mean teams_3/fast-0.*a model's name, FILE\.zip, .* is needed"
+@pytest.mark.parametrize(
+    ("name", "meant"),
+    [("teams_3/fast-9", NAME), ("teams_3/fst-0", NAME), ("runs/COIN-fast-0", r"runs/coin-fast-0\? ")],
+)
+def test_unknown_names_are_refused(name: str, meant: str, tmp_path: Path, monkeypatch) -> None:
+    """A path is compared with what is beside it."""
+    monkeypatch.chdir(tmp_path)
+    Path("runs/coin-fast-0").mkdir(parents=True)
+    words = rf"did you mean {meant}.*a model's name, FILE\.zip, .* is needed"
     for ask in (located, parse_lineup):
         with pytest.raises(UsageError, match=rf"{name}: {words}"):
             ask(name)
 
 
-def test_a_misspelt_path_is_compared_with_what_is_beside_it(tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    Path("runs/coin-fast-0").mkdir(parents=True)
-    for ask in (located, parse_lineup):
-        with pytest.raises(UsageError, match=r"runs/COIN-fast-0: did you mean runs/coin-fast-0\? "):
-            ask("runs/COIN-fast-0")
-
-
-@pytest.mark.skipif(not RESULTS.is_dir(), reason="results are not part of this archive")
-def test_a_checkout_has_them(monkeypatch) -> None:
+@needs_results
+def test_they_are_found_in_a_checkout_also_by_an_installed_outlast(monkeypatch, tmp_path: Path) -> None:
     monkeypatch.setitem(sys.modules, "pooch", None)
     assert fetched(NAME) == located(NAME) == RESULTS / "policies" / f"{NAME}.safetensors"
-
-
-@pytest.mark.skipif(not RESULTS.is_dir(), reason="results are not part of this archive")
-def test_an_installed_outlast_finds_them_in_a_checkout(monkeypatch, tmp_path: Path) -> None:
     monkeypatch.delenv(ADDRESS, raising=False)
     monkeypatch.setattr(kept_results, "RESULTS", tmp_path / "nowhere")
     monkeypatch.chdir(RESULTS.parent)
@@ -189,10 +184,9 @@ def test_without_pooch_the_message_names_the_cure(monkeypatch) -> None:
         fetched(NAME)
 
 
+@needs_results
 @pytest.mark.parametrize("form", [str, Path.as_uri])
 def test_a_folder_may_hold_them(form: Any, tmp_path: Path, monkeypatch) -> None:
-    if not RESULTS.is_dir():
-        pytest.skip("results are not part of this archive")
     there = tmp_path / "a b" / models()[NAME].file
     there.parent.mkdir(parents=True)
     monkeypatch.setenv(ADDRESS, form(tmp_path / "a b"))
@@ -231,11 +225,10 @@ def test_an_installed_outlast_uses_the_address_of_its_metadata(monkeypatch, tmp_
     assert asked == [f"https://host/raw/results/policies/{each}.safetensors" for each in (NAME, name)]
 
 
+@needs_results
 def test_models_play_wherever_policies_do(capsys) -> None:
     pytest.importorskip("torch", reason="needs torch: outlast[train]")
     pytest.importorskip("safetensors", reason="needs safetensors: outlast[train]")
-    if not RESULTS.is_dir():
-        pytest.skip("results are not part of this archive")
     from outlast.training.base.config import TrainingConfig, parse_warm_start
     from outlast.training.ppo.trainer import Trainer
 

@@ -1,6 +1,5 @@
 """Ray: a cluster computes what one machine does, also when it loses workers."""
 
-import dataclasses
 import itertools
 import json
 import os
@@ -71,15 +70,6 @@ def test_a_cluster_computes_what_one_machine_does(workers, monkeypatch, size):
     done = [(summary.world_steps, summary.episodes) for summary in seen]
     assert done == sorted(done)
     assert done[-1] == (alone.world_steps, alone.episodes)
-
-
-def test_a_cluster_plays_as_many_whole_episodes_of_every_world(workers, monkeypatch):
-    monkeypatch.setattr(local, "MAX_BATCH", 4)
-    work = dataclasses.replace(task(), steps=0, episodes=2)
-    spread = cluster.rollout_on_cluster(work, WORLDS)
-    assert spread.episodes == 2 * WORLDS
-    assert str(spread) == str(run_task(work, 0, WORLDS))
-    assert "the first 2 of every world" in str(spread)
 
 
 def test_an_episode_without_an_end_is_reported_as_on_one_machine(workers):

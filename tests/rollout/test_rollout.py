@@ -171,20 +171,6 @@ def test_the_limit_is_of_one_episode(monkeypatch):
     assert equal(expected, run_task(work, 0, 1))
 
 
-def test_what_is_stopped_says_that_it_leans():
-    env = outlast.make_vec(whole_episodes().scenario, 40, seed=3)
-
-    def stop(summary: Summary) -> None:
-        if summary.episodes > 20:
-            raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt) as stopped:
-        rollout(env, random_policy(env, 3), progress=stop)
-    partial = stopped.value.args[0]
-    assert 20 < partial.episodes < 40
-    assert str(partial).startswith(f"{partial.episodes} episodes ended; those cut off at the end are missing, so")
-
-
 @pytest.mark.skipif(find_spec("ray") is not None, reason="Ray is installed")
 def test_a_missing_ray_is_named_with_its_cure(capsys):
     assert cli.main(("rollout", "ffa_1", "--ray")) == 2
@@ -238,6 +224,8 @@ def test_what_an_environment_has_decided_is_refused() -> None:
     env.close()
     with pytest.raises(UsageError, match="steps and episodes exclude each other"):
         outlast.rollout("ffa_2", steps=5, episodes=2)
+    with pytest.raises(UsageError, match=r"events and csv are both a\.csv: give another name for one"):
+        outlast.rollout("ffa_2", csv="a.csv", events="./a.csv")
     for wrong in ({"worlds": 0}, {"episodes": 1.5}, {"steps": -1}, {"seed": -1}):
         with pytest.raises(ValueError, match="an integer >= "):
             outlast.rollout("ffa_2", **wrong)
@@ -250,13 +238,14 @@ def test_what_an_environment_has_decided_is_refused() -> None:
 
 
 def test_a_row_of_the_file_is_an_episode(capsys, tmp_path: Path) -> None:
-    path = tmp_path / "a.csv"
-    _, out, err = run(capsys, *COMMAND, "--episodes=3", "--csv", path)
+    path, events = tmp_path / "a.csv", tmp_path / "b.csv"
+    _, out, err = run(capsys, *COMMAND, "--episodes=3", "--csv", path, "--events", events)
     assert err == ""
     rows = rows_of(path)
     assert list(rows[0])[:2] == ["world", "episode"]
     pairs = [(int(row["world"]), int(row["episode"])) for row in rows]
     assert sorted(pairs) == [(w, k) for w in range(6) for k in (1, 2, 3)]
+    assert {(int(row["world"]), int(row["episode"])) for row in rows_of(events)} == {*pairs}  # and of no others
     for line in out.split("std. error\n")[1].splitlines():
         name, mean, _ = line.rsplit(maxsplit=2)
         values = [float(row[name.replace(" ", "_")]) for row in rows]
@@ -320,42 +309,34 @@ def test_a_full_disk_costs_no_statistics(capsys, tmp_path: Path, monkeypatch) ->
         assert "6 whole episodes, the first of every world" in out
         assert "length" in out
     assert not [file.name for file in tmp_path.iterdir() if file.suffix == ".csv"]
+    monkeypatch.setattr(table_file, "ROWS", 3)
+    monkeypatch.setattr(table_file._Csv, "write", full)  # while worlds are played, which this ends
+    _, out, err = run(capsys, *COMMAND, "--csv", tmp_path / "a.csv")
+    assert "there are no episodes" in err
+    assert "episodes ended; those cut off at the end are missing, so means lean towards short episodes" in out
     latest: list[Summary] = []
     with pytest.raises(RecordingError):
         outlast.rollout("ffa_2", worlds=2, record=tmp_path / "b.rec", progress=latest.append, **QUICK)
     assert latest[-1].episodes == 2
 
 
-def test_what_a_full_disk_stops_is_reported_as_stopped(capsys, tmp_path: Path, monkeypatch) -> None:
-    monkeypatch.setattr(table_file, "ROWS", 3)
-
-    def full(*_: Any) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(table_file._Csv, "write", full)
-    status, out, err = run(capsys, *COMMAND, "--csv", tmp_path / "a.csv")
-    assert status == 2
-    assert "there are no episodes" in err
-    assert "episodes ended; those cut off at the end are missing, so means lean towards short episodes" in out
-
-
-def test_parquet_has_the_same_episodes_with_types(tmp_path: Path) -> None:
+def test_parquet_has_the_same_rows_with_types(tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet", reason="needs pyarrow: outlast[data]")
-    for name in ("a.csv", "a.parquet"):
-        outlast.rollout("ffa_2", "noop", others="scripted", worlds=4, csv=tmp_path / name, **QUICK)
-    table, rows = parquet.read_table(tmp_path / "a.parquet"), rows_of(tmp_path / "a.csv")
-    types = {field.name: str(field.type) for field in table.schema}
-    assert list(types) == list(rows[0])
-    assert {types[name] for name in ("world", "episode", "own_side")} == {"int64"}
-    assert (types["against"], types["return_0"]) == ("string", "double")
-    for found, row in zip(table.to_pylist(), rows, strict=True):
-        assert {name: "" if value is None else str(value) for name, value in found.items()} == row
-
-
-def test_one_file_is_not_written_twice(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match=r"events and csv are both .*a\.csv: give another name for one"):
-        outlast.rollout("ffa_2", worlds=2, csv=tmp_path / "a.csv", events=tmp_path / "." / "a.csv", **QUICK)
-    assert not (tmp_path / "a.csv").exists()
+    for kind in ("csv", "parquet"):
+        files = {name: tmp_path / f"{name}.{kind}" for name in ("csv", "events")}
+        outlast.rollout("ffa_2", "noop", others="scripted", worlds=4, **files, **QUICK)
+    for name in ("csv", "events"):
+        table, rows = parquet.read_table(tmp_path / f"{name}.parquet"), rows_of(tmp_path / f"{name}.csv")
+        types = {field.name: str(field.type) for field in table.schema}
+        assert list(types) == list(rows[0])
+        if name == "csv":
+            assert {types[key] for key in ("world", "episode", "own_side")} == {"int64"}
+            assert (types["against"], types["return_0"]) == ("string", "double")
+        else:
+            assert list(types.values()) == [*3 * ["int64"], *3 * ["string"], "double", *2 * ["string"]]
+        for found, row in zip(table.to_pylist(), rows, strict=True):
+            written = {key: f"{value:g}" if key == "amount" and value else value for key, value in found.items()}
+            assert {key: "" if value is None else str(value) for key, value in written.items()} == row
 
 
 def test_ctrl_c_while_files_are_closed_leaves_all_of_them_whole(tmp_path: Path, monkeypatch) -> None:
@@ -387,7 +368,9 @@ def test_a_second_ctrl_c_costs_nothing(tmp_path: Path, monkeypatch) -> None:
     env = outlast.make_vec("ffa_2", 6, seed=0, **QUICK)
     with pytest.raises(KeyboardInterrupt) as stopped:
         outlast.rollout(env, interrupted_after(40)(env, 0), episodes=5, **files)
-    assert stopped.value.args[0].episodes == len(rows_of(files["csv"])) > 0
+    partial = stopped.value.args[0]
+    assert partial.episodes == len(rows_of(files["csv"])) > 0
+    assert str(partial).startswith(f"{partial.episodes} episodes ended; those cut off at the end are missing, so")
     assert rows_of(files["events"])
 
 
@@ -418,16 +401,24 @@ def test_what_another_process_wrote_meanwhile_is_kept(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
 def test_the_statistics_of_each_episode_are_kept_as_arrays(mode: str, tmp_path: Path) -> None:
-    env = outlast.make_vec("ffa_2", 5, seed=0, first_world=7, autoreset_mode=mode, **QUICK)
+    """Masked where an agent is absent, and as in the file."""
+    scenario = outlast.variant("ffa_2").replace(**QUICK).vary(n_agents=outlast.distributions.integers(2, 4))
+    env = outlast.make_vec(scenario, 5, seed=0, first_world=7, autoreset_mode=mode)
     summary = outlast.rollout(env, "random", episodes=3, keep=True, csv=tmp_path / "a.csv")
     found, rows = summary.arrays(), rows_of(tmp_path / "a.csv")
-    assert found["return"].shape == (15, env.num_agents)
     assert found["world"].tolist() == np.repeat(np.arange(7, 12), 3).tolist()
     assert found["episode"].tolist() == [1, 2, 3] * 5
     rows.sort(key=lambda row: (int(row["world"]), int(row["episode"])))
     assert found["length"].tolist() == [int(row["length"]) for row in rows]
-    assert found["return"][:, 1].tolist() == [float(row["return_1"]) for row in rows]
+    assert not np.ma.isMaskedArray(found["length"])
     assert found["length"].mean() == pytest.approx(length(summary)[0])
+    absent = np.arange(4) >= found["agents_count"][:, None]
+    assert 0 < absent.sum() < absent.size
+    for key in ("return", "kills"):
+        for arrays in (found, Summary.merge([summary]).arrays()):
+            assert np.ma.getmaskarray(arrays[key]).tolist() == absent.tolist()
+        cells = [[row[f"{key}_{i}"] for i in range(4)] for row in rows]
+        assert [["" if value is None else str(value) for value in row] for row in found[key].tolist()] == cells
 
 
 def test_summaries_merge_with_their_arrays() -> None:
@@ -446,21 +437,6 @@ def test_summaries_merge_with_their_arrays() -> None:
     with pytest.raises(UsageError, match=r"were not kept: call outlast\.rollout\(\.\.\., keep=True\)"):
         outlast.rollout("ffa_2", worlds=2, steps=2).arrays()
     assert outlast.rollout("ffa_2", worlds=2, steps=2, keep=True).arrays() == {}
-
-
-@pytest.mark.parametrize("mode", ["NextStep", "SameStep"])
-def test_arrays_mask_who_is_absent(mode: str) -> None:
-    scenario = outlast.variant("ffa_2").replace(**QUICK).vary(n_agents=outlast.distributions.integers(2, 4))
-    env = outlast.make_vec(scenario, 8, seed=0, autoreset_mode=mode)
-    summary = outlast.rollout(env, "random", episodes=2, keep=True)
-    found, merged = summary.arrays(), Summary.merge([summary]).arrays()
-    env.close()
-    absent = np.arange(4) >= found["agents_count"][:, None]
-    assert 0 < absent.sum() < absent.size
-    for key in ("return", "kills"):
-        assert np.ma.getmaskarray(found[key]).tolist() == np.ma.getmaskarray(merged[key]).tolist() == absent.tolist()
-        assert found[key].mean() == pytest.approx(found[key].data[~absent].mean())
-    assert not np.ma.isMaskedArray(found["length"])
 
 
 def test_the_first_death_is_of_episodes_with_a_death() -> None:

@@ -231,15 +231,6 @@ def test_commands_and_calls_play_them(mine: str, capsys) -> None:
     assert all((same[key] == made[key]).all() for key in same)
 
 
-@pytest.mark.skipif(importlib.util.find_spec("torch") is None, reason="needs torch: outlast[train]")
-def test_evaluations_play_them(mine: str) -> None:
-    options: dict[str, Any] = {"episodes": 4, "worlds": 2, "ending_limit": 5, "quiet": True}
-    found = outlast.evaluate("ffa_2", [f"{mine}:plain", f"{mine}:direct", "noop"], **options)
-    labels = [each.label for each in found.chosen]
-    assert len(set(labels)) == 3
-    assert found.estimates(labels[0], "noop")["length"][0] == 5
-
-
 @pytest.mark.parametrize(
     ("name", "error", "words"),
     [
