@@ -83,8 +83,6 @@ def test_a_person_steers_an_agent_that_every_episode_has() -> None:
         Game(HUNT, agent=2)
     with pytest.raises(PlayError, match=r"agent -1: "):
         Game(HUNT, agent=-1)
-    with pytest.raises(PlayError, match=r"agent 2: ffa_3 has the agents 0 to 1; take"):
-        Game(outlast.variant("ffa_3"), agent=2)
 
 
 def test_a_game_alone_is_over_and_not_won() -> None:

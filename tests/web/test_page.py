@@ -1,7 +1,6 @@
 """Replay pages: how worlds are described and packed, and what is refused. test_page_browser.py opens them."""
 
 import gzip
-import html
 import json
 from collections import Counter
 from collections.abc import Iterator
@@ -196,16 +195,3 @@ def test_worlds_and_folders_that_are_not_there_are_refused(tmp_path: Path) -> No
         write_page(tmp_path / "page.html", env.worlds, [], [0], title="")
     assert not pulled
     assert not list(tmp_path.iterdir())
-
-
-def test_a_page_is_nothing_but_itself(tmp_path: Path) -> None:
-    env = outlast.make_vec("ffa_3", 1, seed=0)
-    title = "</title></script><script>alert(1)</script> $data & more"
-    write_page(tmp_path / "page.html", env.worlds, ticks(env, 3), [0], title=title)
-    page = (tmp_path / "page.html").read_text(encoding="utf-8")
-    assert html.escape(title) in page
-    assert title not in page
-    assert page.count("</script>") == 2
-    assert "http://" not in page.replace("http://www.w3.org/2000/svg", "")
-    assert "https://" not in page
-    assert "default-src 'none'" in page

@@ -50,12 +50,8 @@ def test_the_page_draws_rays_when_asked_to(look: Any, tmp_path: Path) -> None:
     assert button.get_attribute("aria-pressed") == "false"
     screen.key("r")
     assert button.get_attribute("aria-pressed") == "true"
-    all_agents = screen.picture()
-    assert all_agents != before
-    screen.key("2", "c")
-    assert screen.picture() != all_agents
+    assert screen.picture() != before
     button.click()
-    screen.key("2", "c")
     assert screen.picture() == before
     assert look().page.locator("[data-view=rays]").is_hidden()
 

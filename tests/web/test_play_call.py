@@ -1,6 +1,9 @@
-"""outlast.play: a game in one call."""
+"""outlast.play and `outlast play`: what they take, what they refuse, and how they end."""
 
 import asyncio
+import socket
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -9,6 +12,7 @@ import pytest
 
 import outlast
 from outlast.components import Side
+from outlast.envs.cli import main as cli
 from outlast.envs.errors import PlayError, ScenarioError, UsageError
 
 pytest.importorskip("websockets", reason="websockets is not installed: pip install 'outlast[view]'")
@@ -57,7 +61,6 @@ def test_a_game_of_ones_own_has_its_items_and_bodies_on_the_page(games: Any) -> 
         ({"fps": "fast"}, PlayError, "fps = 'fast'"),
         ({"port": 65536}, PlayError, "port = 65536: an integer from 1 to 65535"),
         ({"port": "http"}, PlayError, "port = 'http'"),
-        ({"allow_hosts": "localhost"}, PlayError, "localhost: NAME:PORT is needed"),
         ({"allow_hosts": ["box:80", "localhost"]}, PlayError, "localhost: NAME:PORT is needed"),
         ({"others": "scriptd"}, UsageError, "did you mean scripted"),
         ({"game": outlast.variant("ffa_1").without("record")}, PlayError, r"has no 'record', .* add Record\(\)"),
@@ -76,3 +79,18 @@ def test_in_an_event_loop_the_cure_is_said(games: Any) -> None:
 
     with pytest.raises(PlayError, match="run `outlast play` in a terminal"):
         asyncio.run(notebook())
+
+
+def test_a_taken_port_is_reported_in_one_line(capsys: Any) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        assert cli.main(("play", "ffa_3", "--no-browser", "--port", str(port))) == 2
+    assert f"port {port} of 127.0.0.1 is not to be had" in capsys.readouterr().err
+
+
+def test_without_websockets_the_cure_is_reported() -> None:
+    code = "import sys; sys.modules['websockets'] = None; from outlast.envs.cli.main import main; sys.exit(main())"
+    result = subprocess.run([sys.executable, "-c", code, "play", "ffa_3"], capture_output=True, text=True, timeout=60)
+    assert result.returncode == 2
+    assert result.stderr.startswith("outlast: outlast play needs websockets: pip install 'outlast[view]' (")
+    assert "websockets>=14" in result.stderr
