@@ -4,7 +4,6 @@ import dataclasses
 import json
 import lzma
 import shutil
-import tempfile
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -81,7 +80,17 @@ def mutated_header(content: bytes, rng: Random) -> bytes:
     return len(changed).to_bytes(8, "little") + changed + numbers
 
 
-class Checkpoints:
+class _Checkpoints:
+    """Hostile checkpoints."""
+
+    files: list[bytes]
+
+    def mutate(self, rng: Random) -> bytes:
+        """A hostile checkpoint."""
+        return mutated_checkpoint(rng.choice(self.files), rng)
+
+
+class Checkpoints(_Checkpoints):
     """Checkpoints that a run resumes from, for one rollout and one update."""
 
     refusals: ClassVar = (StateError, TrainingError)
@@ -92,12 +101,8 @@ class Checkpoints:
         self.trainer = Trainer(CONFIG)
         first = resume.capture(self.trainer, CONFIG.header())
         self._go_on()
-        self.files = [_zip_bytes(files) for files in (first, resume.capture(self.trainer, CONFIG.header()))]
+        self.files = [zipped(files) for files in (first, resume.capture(self.trainer, CONFIG.header()))]
         self.valid = self.files[1]
-
-    def mutate(self, rng: Random) -> bytes:
-        """A hostile checkpoint."""
-        return mutated_checkpoint(rng.choice(self.files), rng)
 
     def use(self, path: Path) -> None:
         """Resume from it; sometimes as `outlast train --resume` does."""
@@ -119,22 +124,16 @@ class Checkpoints:
         self.trainer.update(rollout)
 
 
-class Policies:
+class Policies(_Checkpoints):
     """Saved policies, which compute actions."""
 
     refusals: ClassVar = (TrainingError,)
 
     def __init__(self) -> None:
         torch.set_num_threads(1)
-        self.files = []
-        for name in ("original", "scaled"):
-            trainer = Trainer(dataclasses.replace(CONFIG, preset=name))
-            self.files.append(_zip_bytes(resume.capture(trainer, CONFIG.header())))
+        trainers = [Trainer(dataclasses.replace(CONFIG, preset=name)) for name in ("original", "scaled")]
+        self.files = [zipped(resume.capture(trainer, CONFIG.header())) for trainer in trainers]
         self.valid = self.files[0]
-
-    def mutate(self, rng: Random) -> bytes:
-        """A hostile checkpoint."""
-        return mutated_checkpoint(rng.choice(self.files), rng)
 
     def use(self, path: Path) -> None:
         """Compute actions for observations of the shapes that the file declares."""
@@ -215,9 +214,3 @@ CELLS = (
     *(b"", b"0", b"-1", b"nan", b"inf", b"-inf", b"1e999", b"3.5e38", b"1e300", b"-3e38", b"9" * 30, b"9" * 5000),
     *(b"x", b'"', b"\0", b"\xff", "٣".encode(), b"rollout/reward9999999", b"rollout/reward", b"1_0", b" 7 ", b"0x10"),
 )
-
-
-def _zip_bytes(files: dict[str, bytes]) -> bytes:
-    with tempfile.TemporaryDirectory() as folder:
-        checkpoint.write_checkpoint(Path(folder, "a.zip"), files)
-        return Path(folder, "a.zip").read_bytes()
