@@ -2,6 +2,7 @@
 
 import csv
 import hashlib
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -148,44 +149,39 @@ OTHER_TICK = r"tick {} is the first that differs when the match is played again"
 Choices = dict[tuple[int, int, int], Any]  # first, own and last choice, by tick, world and agent
 
 
-@pytest.fixture(scope="module")
-def game() -> tasks.TaskGame:
-    """Episodes of about a hundred steps."""
-    short = variant("ffa_2").replace(safe_zone_damage=20, safe_zone_stand=20, safe_zone_shrink=10)
-    return tasks._game("short", short, 0)
+PAIR = [Contender(name, str(POLICIES / f"{name}-0.safetensors")) for name in ("fast", "original")]
 
 
-@pytest.fixture(scope="module")
-def pair() -> list[Contender]:
-    return [Contender(name, str(POLICIES / f"{name}-0.safetensors")) for name in ("fast", "original")]
-
-
-@pytest.fixture(scope="module")
-def played(game: tasks.TaskGame, pair: list[Contender]) -> Played:
-    """A match of two policies, with doubtful actions."""
+@pytest.fixture(scope="module", autouse=True)
+def coarse() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(games, "ROUNDING", WIDE)
-        return play(game, pair, COUNT)
+        yield
 
 
-@pytest.fixture(autouse=True)
-def coarse(monkeypatch) -> None:
-    monkeypatch.setattr(games, "ROUNDING", WIDE)
+def again(moves: Moves | None, pair: list[Contender] = PAIR) -> Played:
+    """A match in episodes of about a hundred steps."""
+    short = variant("ffa_2").replace(safe_zone_damage=20, safe_zone_stand=20, safe_zone_shrink=10)
+    return play(tasks._game("short", short, 0), pair, COUNT, moves)
 
 
-def test_games_are_played_again_as_they_were(
-    game: tasks.TaskGame, pair: list[Contender], played: Played, tmp_path: Path
-) -> None:
-    again = play(game, pair, COUNT, played.moves)
-    assert again.outcome == played.outcome
-    assert (again.differing, again.drawn > 500) == (0, True)
-    assert 10 < len(played.moves.doubtful) < again.drawn / 5
-    one, two = (moves.write(tmp_path / name) for moves, name in ((played.moves, "a.npz"), (again.moves, "b.npz")))
+@pytest.fixture(scope="module")
+def played(coarse: None) -> Played:
+    """A match of two policies, with doubtful actions."""
+    return again(None)
+
+
+def test_games_are_played_again_as_they_were(played: Played, tmp_path: Path) -> None:
+    found = again(played.moves)
+    assert found.outcome == played.outcome
+    assert (found.differing, found.drawn > 500) == (0, True)
+    assert 10 < len(played.moves.doubtful) < found.drawn / 5
+    one, two = (moves.write(tmp_path / name) for moves, name in ((played.moves, "a.npz"), (found.moves, "b.npz")))
     assert one == two
-    found = Moves.read(tmp_path / "a.npz")
-    assert all(np.array_equal(getattr(found, name), getattr(played.moves, name)) for name in games.FORM)
+    read = Moves.read(tmp_path / "a.npz")
+    assert all(np.array_equal(getattr(read, name), getattr(played.moves, name)) for name in games.FORM)
     fewer = replace(played.moves, doubtful=played.moves.doubtful[:0])
-    assert play(game, pair, COUNT, fewer).outcome == played.outcome  # on this machine, nothing is rounded
+    assert again(fewer).outcome == played.outcome  # on this machine, nothing is rounded
 
 
 def test_a_third_policy_plays_the_mates_of_the_first(played: Played) -> None:
@@ -212,16 +208,7 @@ def test_a_third_policy_plays_the_mates_of_the_first(played: Played) -> None:
     assert {agent for _, agent in first["scripted"]} == {0, 1, 2, 3}  # each seat as often
 
 
-def altered(moves: Moves, row: int, actions: Any) -> Moves:
-    """The games with another doubtful action."""
-    doubtful = moves.doubtful.copy()
-    doubtful[row, games.PLACE :] = actions
-    return replace(moves, doubtful=doubtful)
-
-
-def test_what_is_altered_is_found_at_its_tick(
-    game: tasks.TaskGame, pair: list[Contender], played: Played, tmp_path: Path
-) -> None:
+def test_what_is_altered_is_found_at_its_tick(played: Played, tmp_path: Path) -> None:
     """Other digests, fewer of them, an action of nobody; and other weights as soon as the games are others."""
     moves, digests = played.moves, played.moves.digests.copy()
     digests[[40, 50]] ^= 1
@@ -234,12 +221,12 @@ def test_what_is_altered_is_found_at_its_tick(
         ({"doubtful": moves.doubtful[:, :-1]}, "holds games with a different number of actions"),
     ):
         with pytest.raises(RecordingError, match=words):
-            play(game, pair, COUNT, replace(moves, **change))
+            again(replace(moves, **change))
     header, (weights,) = policy_file.read(POLICIES / "fast-0.safetensors")
     weights["actor.last.weight"] = weights["actor.last.weight"] * 1.2
     policy_file.write(tmp_path / "fast-0.safetensors", header, [weights])
     with pytest.raises(RecordingError, match=r"tick \d\b"):
-        play(game, [Contender("fast", str(tmp_path / "fast-0.safetensors")), pair[1]], COUNT, moves)
+        again(moves, [Contender("fast", str(tmp_path / "fast-0.safetensors")), PAIR[1]])
 
 
 class Noted(Contender):
@@ -265,12 +252,10 @@ class Noted(Contender):
 
 
 @pytest.fixture(scope="module")
-def choices(game: tasks.TaskGame, pair: list[Contender], played: Played) -> Choices:
+def choices(played: Played) -> Choices:
     """All choices of a match until the first of its games ends: before that, ticks are numbered like calls."""
     noted: Choices = {}
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(games, "ROUNDING", WIDE)
-        play(game, [Noted(each, noted) for each in pair], COUNT, played.moves)
+    again(played.moves, [Noted(each, noted) for each in PAIR])
     return noted
 
 
@@ -281,42 +266,36 @@ def doubtful(moves: Moves, choices: Choices) -> tuple[tuple[int, int, int], Any]
     return (tick, world, agent), first if (first != choice).any() else last
 
 
-def test_another_choice_within_rounding_is_found(
-    game: tasks.TaskGame, pair: list[Contender], played: Played, choices: Choices
-) -> None:
-    """Whoever looks for lucky actions has to forge every digest from there on, too: then each counts as differing."""
-    (tick, _, _), other = doubtful(played.moves, choices)
-    with pytest.raises(RecordingError, match=OTHER_TICK.format(tick)):
-        play(game, pair, COUNT, altered(played.moves, 0, other))
-
-
-def test_actions_of_another_machine_are_counted(
-    game: tasks.TaskGame, pair: list[Contender], played: Played, choices: Choices
-) -> None:
+def test_actions_of_another_machine_are_counted(played: Played, choices: Choices) -> None:
     """Its first doubtful choice was rounded otherwise, and all that followed in that game is as it was there."""
     place, other = doubtful(played.moves, choices)
     first, _, last = choices[place]
-    there = play(game, [Noted(each, {}, {place: np.stack([first, other, last])}) for each in pair], COUNT)
-    again = play(game, pair, COUNT, there.moves)
-    assert again.outcome == there.outcome
-    assert again.differing == 1
+    there = again(None, [Noted(each, {}, {place: np.stack([first, other, last])}) for each in PAIR])
+    found = again(there.moves)
+    assert found.outcome == there.outcome
+    assert found.differing == 1
 
 
-@pytest.mark.parametrize("row", ["doubtful", "certain"])
-def test_an_action_outside_of_rounding_is_found(
-    game: tasks.TaskGame, pair: list[Contender], played: Played, choices: Choices, row: str
-) -> None:
-    """Of an action that is kept as doubtful, and of one that is put there although it is not."""
-    moves = played.moves
-    certain = (at for at, own in choices.items() if at[0] > 5 and (own[0] == own[2]).all())
-    tick, world, agent = place = doubtful(moves, choices)[0] if row == "doubtful" else next(certain)
-    wrong = (choices[place][2] + 1) % np.array([3, 3, 3, 2, 2, 2])
-    changed = np.where(np.arange(6) == 0, wrong, choices[place][1])
-    more = replace(moves, doubtful=np.concatenate([moves.doubtful, [[*place, *changed]]]))
-    with pytest.raises(
-        RecordingError, match=rf"did not play this match: in world {world}, tick {tick}, agent {agent} it"
-    ):
-        play(game, pair, COUNT, altered(moves, 0, changed) if row == "doubtful" else more)
+@pytest.mark.parametrize("row", ["within", "doubtful", "certain"])
+def test_another_action_is_found(played: Played, choices: Choices, row: str) -> None:
+    """Within rounding, by its digest; beyond it, of an action that is kept as doubtful or put there although it is not.
+
+    Whoever looks for lucky actions within rounding has to forge every digest from there on: then each is counted.
+    """
+    kept, certain = played.moves.doubtful.copy(), (at for at, own in choices.items() if (own[0] == own[2]).all())
+    place, other = doubtful(played.moves, choices)
+    message = OTHER_TICK.format(place[0])
+    if row != "within":
+        tick, world, agent = place = place if row == "doubtful" else next(at for at in certain if at[0] > 5)
+        message = rf"did not play this match: in world {world}, tick {tick}, agent {agent} it"
+        wrong = (choices[place][2] + 1) % np.array([3, 3, 3, 2, 2, 2])
+        other = np.where(np.arange(6) == 0, wrong, choices[place][1])
+    if row == "certain":
+        kept = np.concatenate([kept, [[*place, *other]]])
+    else:
+        kept[0, games.PLACE :] = other
+    with pytest.raises(RecordingError, match=message):
+        again(replace(played.moves, doubtful=kept))
 
 
 @pytest.mark.parametrize(
@@ -327,7 +306,6 @@ def test_an_action_outside_of_rounding_is_found(
         lambda own: {"digests": own["digests"]},
         None,
     ],
-    ids=["types", "axes", "missing", "text"],
 )
 def test_a_file_that_holds_no_games_is_refused(played: Played, tmp_path: Path, change: Any) -> None:
     path = tmp_path / "a.npz"
