@@ -54,7 +54,7 @@ def test_other_names_can_be_allowed() -> None:
 REFUSED = {
     "": f"nothing: {', '.join(POLICIES)} {NEEDED}",
     "random,": "nothing: random",
-    "scriptd:2": "scriptd: did you mean scripted",
+    "kamper:2": "kamper: did you mean camper",
     ".zip": "zip: random, noop",
     "a.pt:1": "a.pt: random, noop",
     "random:2:3": "random:2: did you mean random",

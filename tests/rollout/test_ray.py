@@ -45,11 +45,6 @@ def same(one, other):
     return one.rows() == other.rows() and all(np.array_equal(a[key], b[key]) for a, b in tables for key in a | b)
 
 
-def test_importing_outlast_leaves_ray_alone():
-    program = "import outlast, outlast.envs.cli.main, outlast.envs.rollout.local, sys; sys.exit('ray' in sys.modules)"
-    assert subprocess.run([sys.executable, "-c", program]).returncode == 0
-
-
 @pytest.mark.parametrize("address", ["127.0.0.1:1", "nowhere.invalid:6379", "ray://127.0.0.1:1", "gibberish"])
 def test_no_cluster_is_said_at_once(capsys, address):
     assert not ray.is_initialized()

@@ -160,9 +160,6 @@ def test_names_are_known_wherever_policies_are_named(capsys) -> None:
     names = ", ".join(POLICIES)
     assert set(STYLES) < set(POLICIES)
     assert all(getattr(outlast.policies, f"{name}_policy") is POLICIES[name] for name in STYLES)
-    assert parse_lineup("camper:2,healer") == {"camper": 2.0, "healer": 1.0}
-    with pytest.raises(UsageError, match=f"kamper: did you mean camper.*{names} or a saved policy"):
-        parse_lineup("kamper")
     for command in ("rollout", "frames", "train", "evaluate"):
         with pytest.raises(SystemExit):
             cli.main((command, "--help"))
@@ -205,14 +202,6 @@ def mine(tmp_path: Path, monkeypatch) -> str:
     return str(path)
 
 
-def test_policies_are_made_for_their_worlds_or_taken_as_they_are(mine: str) -> None:
-    env = outlast.make_vec("ffa_2", 3, seed=0)
-    observations, _ = env.reset()
-    for name, seed, expected in (("clever", 1, 1), ("clever", 2, 0), ("plain", 0, env.noop), ("direct", 0, 1)):
-        actions = np.asarray(own_policy(f"{mine}:{name}")(env, seed)(observations))
-        np.testing.assert_array_equal(actions, np.broadcast_to(expected, (3, 2, 6)))
-
-
 def test_texts_have_them_with_weights_where_whole_worlds_are_played(mine: str) -> None:
     assert parse_lineup(f"{mine}:clever:2,noop,{mine}:plain") == {f"{mine}:clever": 2, "noop": 1, f"{mine}:plain": 1}
     assert parse_lineup("my.games:clever:0.5") == {"my.games:clever": 0.5}
@@ -221,14 +210,16 @@ def test_texts_have_them_with_weights_where_whole_worlds_are_played(mine: str) -
         checked_entries([(f"{mine}:clever", 1)], ("self", "past"))
 
 
-def test_commands_and_calls_play_them(mine: str, capsys) -> None:
+def test_commands_play_them_made_for_their_worlds_or_as_they_are(mine: str, capsys) -> None:
     words = ("--worlds", "4", "--quiet", "--set", "ending_limit=5")
     status, out, _ = run(capsys, "rollout", "ffa_2", "--policy", f"{mine}:clever", "--others", f"{mine}:plain", *words)
     assert status == 0
     assert out.splitlines()[-1].split()[:2] == [f"{mine}:plain", "4"]
-    same = outlast.rollout("ffa_2", f"{mine}:direct", worlds=4, seed=1, ending_limit=5, keep=True).arrays()
-    made = outlast.rollout("ffa_2", f"{mine}:clever", worlds=4, seed=1, ending_limit=5, keep=True).arrays()
-    assert all((same[key] == made[key]).all() for key in same)
+    env = outlast.make_vec("ffa_2", 3, seed=0)
+    observations, _ = env.reset()
+    for name, seed, expected in (("clever", 1, 1), ("clever", 2, 0), ("plain", 0, env.noop), ("direct", 0, 1)):
+        actions = np.asarray(own_policy(f"{mine}:{name}")(env, seed)(observations))
+        np.testing.assert_array_equal(actions, np.broadcast_to(expected, (3, 2, 6)))
 
 
 @pytest.mark.parametrize(

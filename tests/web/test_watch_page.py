@@ -72,6 +72,7 @@ def place(run: Run) -> Iterator[str]:
 
 
 def test_the_page_and_its_data_are_served_with_strict_headers(place: str, run: Run) -> None:
+    assert json.loads(answer(place, urlsplit(place).path + "episode.json")[2]) is None
     run.make(3, 2048)
     kinds = {"": "text/html", "status.json": "application/json", "episode.json": "application/json"}
     bodies = {}
@@ -88,10 +89,6 @@ def test_the_page_and_its_data_are_served_with_strict_headers(place: str, run: R
     assert TITLE not in page
     assert json.loads(bodies["status.json"])["figures"] == FIGURES
     assert json.loads(bodies["episode.json"]) == run.made
-
-
-def test_without_an_episode_there_is_none(place: str) -> None:
-    assert json.loads(answer(place, urlsplit(place).path + "episode.json")[2]) is None
 
 
 def test_only_what_is_served_is_served_and_only_read(place: str, run: Run) -> None:
@@ -210,7 +207,7 @@ def test_the_numbers_of_the_run_are_beside_it(opened: Any, run: Run) -> None:
 
 
 @pytest.mark.nightly
-def test_at_the_end_of_an_episode_the_newest_one_is_played(opened: Any, run: Run) -> None:
+def test_at_the_end_of_an_episode_the_newest_one_is_played_or_offered(opened: Any, run: Run) -> None:
     run.make(1, 1024, length=40)
     page = opened()
     wait(page, "window.outlast")
@@ -224,21 +221,14 @@ def test_at_the_end_of_an_episode_the_newest_one_is_played(opened: Any, run: Run
     assert page.evaluate("outlast.state.playing")
     assert page.evaluate("outlast.state.follow") == 1
     assert page.get_attribute("[data-view=cones]", "aria-pressed") == "false"
-
-
-@pytest.mark.nightly
-def test_who_has_stopped_it_is_asked(opened: Any, run: Run) -> None:
-    run.make(1, 1024, length=40)
-    page = opened()
-    wait(page, "window.outlast")
-    page.keyboard.press("End")
+    page.keyboard.press("End")  # which stops it
     page.keyboard.press("ArrowLeft")
-    run.make(2, 2048, length=60)
+    run.make(3, 4096, length=40)
     page.wait_for_selector(".run > button:visible")
-    assert "newest: 2,048 agent-steps, 3 min ago" in shown(page)
-    assert page.inner_text("#length") == "40"
+    assert "newest: 4,096 agent-steps, 3 min ago" in shown(page)
+    assert page.inner_text("#length") == "60"
     page.click(".run > button")
-    wait(page, "document.querySelector('#length').textContent === '60'")
+    wait(page, "document.querySelector('#length').textContent === '40'")
     assert page.is_hidden(".run > button")
 
 
