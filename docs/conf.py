@@ -29,7 +29,7 @@ myst_heading_anchors = 3
 
 # Adapters are documented without their libraries, which take seconds to load, and need not be installed.
 autodoc_mock_imports = [
-    *("benchmarl", "pettingzoo", "pufferlib", "ray", "stable_baselines3", "tensordict", "torch", "torchrl"),
+    *("benchmarl", "pettingzoo", "pufferlib", "ray", "stable_baselines3", "tensordict", "torch", "torchrl")
 ]
 autodoc_typehints_format = "short"
 autodoc_member_order = "bysource"

@@ -6,31 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from outlast.components import (
-    Body,
-    Heal,
-    HealsUsed,
-    Health,
-    HealView,
-    Item,
-    Phase,
-    Shape,
-    Spawned,
-)
+from outlast.components import Body, Heal, HealsUsed, Health, HealView, Item, Phase, Shape, Spawned
 from outlast.components.health import LARGEST, MOST
 from outlast.components.limits import FAR, MANY
-from outlast.ecs import (
-    Add,
-    Archetype,
-    Layout,
-    Module,
-    NumberError,
-    Read,
-    Rows,
-    Singleton,
-    number,
-    ref,
-)
+from outlast.ecs import Add, Archetype, Layout, Module, NumberError, Read, Rows, Singleton, number, ref
 
 from .geometry.bounds import check_fits, ends, farthest_item
 from .observation_rows import observe

@@ -13,20 +13,7 @@ from outlast.components.limits import FAR, TICKS
 from outlast.components.masks import of_agents
 from outlast.components.melee import cooling
 from outlast.components.respawn import inactive
-from outlast.ecs import (
-    Archetype,
-    Clock,
-    Entity,
-    Module,
-    Read,
-    Rows,
-    Singleton,
-    WorldsView,
-    Write,
-    emit,
-    number,
-    of,
-)
+from outlast.ecs import Archetype, Clock, Entity, Module, Read, Rows, Singleton, WorldsView, Write, emit, number, of
 
 from .geometry.bodies import Bodies, on_ray
 from .geometry.rays import NO_HIT, raycast_entity

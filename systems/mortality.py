@@ -99,11 +99,7 @@ def die(
 
 @Mortality.system(Phase.RECORD)
 def count(
-    kills: Write[Kills],
-    score: Read[Score] | None,
-    deaths: Read[Death],
-    clock: Read[Clock],
-    agents: RowIndex[Side],
+    kills: Write[Kills], score: Read[Score] | None, deaths: Read[Death], clock: Read[Clock], agents: RowIndex[Side]
 ) -> None:
     """Add kills by side, deaths by cause, and the tick of the first death to the statistics of the episode."""
     if score is not None:

@@ -9,21 +9,7 @@ import numpy as np
 from outlast.components import Bag, Body, Item, ItemPicked, Phase, Shape
 from outlast.components.inventory import push
 from outlast.components.limits import FAR
-from outlast.ecs import (
-    Array,
-    Bitset,
-    Entity,
-    Module,
-    Read,
-    Rows,
-    Scratch,
-    Singleton,
-    Write,
-    emit,
-    kernel,
-    number,
-    of,
-)
+from outlast.ecs import Array, Bitset, Entity, Module, Read, Rows, Scratch, Singleton, Write, emit, kernel, number, of
 from outlast.ecs.kernels.simd import SIMD_WIDTH, load, to_bits
 
 from .geometry.blocks import alive_bits, first_row

@@ -6,21 +6,7 @@ from typing import Any
 
 from outlast.components import Body, Phase, Push, Rays, SelfView, Side, Sight, Weapon
 from outlast.components.limits import MANY, TICKS
-from outlast.ecs import (
-    Array,
-    Clock,
-    Field,
-    Layout,
-    Module,
-    NumberError,
-    Read,
-    Rows,
-    System,
-    Write,
-    kernel,
-    number,
-    of,
-)
+from outlast.ecs import Array, Clock, Field, Layout, Module, NumberError, Read, Rows, System, Write, kernel, number, of
 
 from .observation_rows import observe
 

@@ -74,12 +74,7 @@ class Walls(InnerWalls):
         return found
 
     def _check_entry(
-        self,
-        what: str,
-        entry: tuple[float, ...],
-        sides: tuple[float, float],
-        layout: Layout,
-        kinds: dict[float, str],
+        self, what: str, entry: tuple[float, ...], sides: tuple[float, float], layout: Layout, kinds: dict[float, str]
     ) -> None:
         """Raise NumberError for an impossible rectangle.
 

@@ -63,10 +63,7 @@ def _card(name: str) -> str:
         ["in words", env.scenario.about],
         ["names", f"{code(name)}; the original's {code(original)}; in Gymnasium {code(registered)}"],
         ["agents", f"{env.num_agents}, {code('agent_0')} to {code(f'agent_{env.num_agents - 1}')}"],
-        [
-            "actions of an agent",
-            f"{code(f'MultiDiscrete({sizes})')}; joint: {code(f'Discrete({joint})')}",
-        ],
+        ["actions of an agent", f"{code(f'MultiDiscrete({sizes})')}; joint: {code(f'Discrete({joint})')}"],
         ["observation of an agent", f"float32: {shapes}; flat: {code(f'Box({env.flat_size})')}"],
         ["state of a world", f"float32 ({env.state_space.shape[0]})"],
         ["rewards", "; ".join(paid)],
@@ -109,14 +106,7 @@ def ppo() -> str:
     for item in dataclasses.fields(Hyperparameters):
         text = item.metadata["about"]
         values = [shown(getattr(own, item.name)) for own in (paper, fast)]
-        rows.append(
-            [
-                code(item.name),
-                *values,
-                allowed(item.default, item.metadata),
-                f"{text[:1].upper()}{text[1:]}.",
-            ]
-        )
+        rows.append([code(item.name), *values, allowed(item.default, item.metadata), f"{text[:1].upper()}{text[1:]}."])
     return grid(["number", "original, paper, scaled", "fast", "allowed", "is"], rows)
 
 

@@ -12,10 +12,7 @@ from sphinx.application import Sphinx
 
 ROOT = Path(__file__).resolve().parents[2]
 SCRIPTED = "teams_4 --worlds 1 --steps 700 --policy scripted --seed 1"
-FLAWLESS = {
-    "ffa_2": "ffa_2+health_cap+rivalry+steering",
-    "teams_3": "teams_3+health_cap+team_share+bounty+steering",
-}
+FLAWLESS = {"ffa_2": "ffa_2+health_cap+rivalry+steering", "teams_3": "teams_3+health_cap+team_share+bounty+steering"}
 TRAINED = {  # pages of trained agents, which need PyTorch; each is one file of some 100 to 300 kB
     f"trained-{name}": f"{game} --policy {game}/pool-0 --worlds 2 --steps 300 --seed 1 --record-policy"
     for name, game in FLAWLESS.items()

@@ -69,12 +69,7 @@ class Bolts(Module):
 
 @Bolts.system(Phase.MELEE)
 def shoot(
-    bolt: Write[Bolt],
-    attack: Read[Attack],
-    body: Read[Body],
-    entities: Read[Entity],
-    agents: Rows[Bolt],
-    reach: float,
+    bolt: Write[Bolt], attack: Read[Attack], body: Read[Body], entities: Read[Entity], agents: Rows[Bolt], reach: float
 ) -> None:
     """Let the bolts of attackers begin at their centres."""
     for i in range(agents.size):

@@ -35,10 +35,7 @@ SEARCH = (
     .with_(Lidar(rays=16, depth=8.0))
 )
 MAZES = SEARCH.with_(Maze(blocks=36)).vary(
-    maze_columns=integers(1, 7),
-    maze_rows=integers(1, 7),
-    maze_loops=uniform(0, 1),
-    agents_health=integers(10, HEALTH),
+    maze_columns=integers(1, 7), maze_rows=integers(1, 7), maze_loops=uniform(0, 1), agents_health=integers(10, HEALTH)
 )
 BY_HAND = (
     FloorPlan([(-3, 6, 18, 0.4), (3, 0, 18, 0.4), (-3, -6, 18, 0.4)]),

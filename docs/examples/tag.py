@@ -5,18 +5,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from outlast import Scenario, systems
-from outlast.components import (
-    Bag,
-    Body,
-    Item,
-    Phase,
-    Reward,
-    SelfView,
-    Shape,
-    Side,
-    Spawned,
-    Weapon,
-)
+from outlast.components import Bag, Body, Item, Phase, Reward, SelfView, Shape, Side, Spawned, Weapon
 from outlast.components.agent import present
 from outlast.components.body import PLACE
 from outlast.components.inventory import held

@@ -188,15 +188,7 @@ def patch(state: Any, state_bytes: Any, values: Any, patches: Any) -> None:
 
 @kernel
 def draw_of_world(
-    clock: Any,
-    entities: Any,
-    given: Any,
-    values: Any,
-    reals: Any,
-    state: Any,
-    state_bytes: Any,
-    plan: Any,
-    absent: Any,
+    clock: Any, entities: Any, given: Any, values: Any, reals: Any, state: Any, state_bytes: Any, plan: Any, absent: Any
 ) -> None:
     """Set the numbers of a world whose episode begins, and the values that depend on them.
 

@@ -20,15 +20,7 @@ import numpy as np
 
 from ..declarations.component import Observation, Singleton, column
 from ..declarations.declared import Declared, declare
-from ..declarations.distributions import (
-    CHOICE,
-    FREE,
-    INTEGERS,
-    LOG_UNIFORM,
-    NAMES,
-    UNIFORM,
-    Distribution,
-)
+from ..declarations.distributions import CHOICE, FREE, INTEGERS, LOG_UNIFORM, NAMES, UNIFORM, Distribution
 from ..declarations.fields import Field
 from ..declarations.module import Module
 from ..declarations.numbers import owners, rule_of

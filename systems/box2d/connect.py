@@ -9,22 +9,7 @@ from outlast.ecs import Array, Real, emit, kernel
 from outlast.ecs.kernels.simd import SIMD_SHIFT, SIMD_WIDTH
 
 from ..geometry.blocks import first_row
-from .batch import (
-    FIRST,
-    FORCE,
-    HERTZ,
-    KIND,
-    OTHER_X,
-    OTHER_Y,
-    OWN_X,
-    OWN_Y,
-    RATIO,
-    REST,
-    ROD,
-    ROPE,
-    SECOND,
-    WELD,
-)
+from .batch import FIRST, FORCE, HERTZ, KIND, OTHER_X, OTHER_Y, OWN_X, OWN_Y, RATIO, REST, ROD, ROPE, SECOND, WELD
 from .transfer import marked
 
 ZERO, TURN = np.float32(0), np.float32(2 * math.pi)

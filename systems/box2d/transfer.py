@@ -62,14 +62,7 @@ def some_marked(solid: Array, entities: Array, solids: Array) -> bool:
 
 @kernel
 def gather(
-    batch: Array,
-    bodies: Any,
-    push: Array,
-    solid: Array,
-    entities: Array,
-    solids: Array,
-    driven: Any,
-    substeps: int,
+    batch: Array, bodies: Any, push: Array, solid: Array, entities: Array, solids: Array, driven: Any, substeps: int
 ) -> int:
     """Write the marked bodies into `batch` in order of rows. Return their number."""
     count = 0

@@ -67,15 +67,7 @@ def in_sector(
 
 @kernel
 def gap_circle_box(
-    cx: Real,
-    cy: Real,
-    radius: Real,
-    bx: Real,
-    by: Real,
-    cosine: Real,
-    sine: Real,
-    half_width: Real,
-    half_height: Real,
+    cx: Real, cy: Real, radius: Real, bx: Real, by: Real, cosine: Real, sine: Real, half_width: Real, half_height: Real
 ) -> Real:
     """Return the distance from the circle's rim to the rectangle's edge; if they overlap, minus the depth."""
     x, y = to_local(cx - bx, cy - by, cosine, sine)

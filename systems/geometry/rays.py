@@ -25,15 +25,7 @@ EPSILON = np.float32(1.1920929e-07)  # b2_epsilon; squared length below which a 
 
 
 @kernel
-def ray_circle(
-    ox: Real,
-    oy: Real,
-    dx: Real,
-    dy: Real,
-    cx: Real,
-    cy: Real,
-    radius: Real,
-) -> Real:
+def ray_circle(ox: Real, oy: Real, dx: Real, dy: Real, cx: Real, cy: Real, radius: Real) -> Real:
     """Return the fraction at which the ray enters the circle, or NO_HIT (also from inside or if below 3.5e-4 long).
 
     A ray that starts on the rim and runs inwards hits at 0. A tangent hits.

@@ -94,8 +94,7 @@ def shift(place: Write[Place], rows: Rows[Place]) -> None:
 
 
 @pytest.mark.parametrize(
-    "options",
-    [{}, {"threads": 2}, {"interpret": ("looks.look_1", "looks.look_3")}, {"specialize": True}],
+    "options", [{}, {"threads": 2}, {"interpret": ("looks.look_1", "looks.look_3")}, {"specialize": True}]
 )
 def test_every_system_gets_what_is_true_when_it_runs(options: Any) -> None:
     """In more worlds than go through a tick together, some of them in resets, and after tables were written."""
@@ -215,10 +214,7 @@ def test_what_services_cannot_be_made_of_is_refused() -> None:
         (lambda: Service(), "a Service needs a function, or memory, or both"),
         (lambda: Service(taking(place=Write[Place])), "'place' is write, but a service is made of read, "),
         (lambda: system_of(taking(total=Annotated[Any, 3])), r"'total' .*; allowed are .*, Annotated\[\.\.\.\] with "),
-        (
-            lambda: make(*GAME, system_of(taking(total=bad))),
-            r"add_up: the field 'places' of its memory is NoneType",
-        ),
+        (lambda: make(*GAME, system_of(taking(total=bad))), r"add_up: the field 'places' of its memory is NoneType"),
     ):
         with pytest.raises(DeclarationError, match=words):
             make_it()

@@ -8,14 +8,7 @@ from numba.core.errors import TypingError
 
 from outlast.ecs import Entity, Worlds, kernel
 from outlast.ecs.kernels import vectors
-from outlast.ecs.kernels.simd import (
-    SIMD_WIDTH,
-    load,
-    load_flags,
-    store,
-    to_bits,
-    trailing_zeros,
-)
+from outlast.ecs.kernels.simd import SIMD_WIDTH, load, load_flags, store, to_bits, trailing_zeros
 from tests.conftest import COMPILED
 from tests.helpers.toy_game import Energy, Food, Place, Walkers, Weather
 

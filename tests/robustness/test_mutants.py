@@ -2,15 +2,7 @@
 
 from pathlib import Path
 
-from tests.mutants import (
-    FIRST,
-    LEFT_OUT_TESTS,
-    NAIVE,
-    NUMBERS,
-    ROOT,
-    chosen,
-    path,
-)
+from tests.mutants import FIRST, LEFT_OUT_TESTS, NAIVE, NUMBERS, ROOT, chosen, path
 
 
 def test_files_and_tests_that_are_named_exist() -> None:

@@ -116,8 +116,7 @@ def test_a_name_is_a_model_and_a_path_is_a_path(tmp_path: Path, monkeypatch) -> 
 
 
 @pytest.mark.parametrize(
-    ("name", "meant"),
-    [("teams_3/fast-9", NAME), ("teams_3/fst-0", NAME), ("runs/COIN-fast-0", r"runs/coin-fast-0\? ")],
+    ("name", "meant"), [("teams_3/fast-9", NAME), ("teams_3/fst-0", NAME), ("runs/COIN-fast-0", r"runs/coin-fast-0\? ")]
 )
 def test_unknown_names_are_refused(name: str, meant: str, tmp_path: Path, monkeypatch) -> None:
     """A path is compared with what is beside it."""

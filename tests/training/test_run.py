@@ -387,8 +387,7 @@ def test_the_files_of_a_checkpoint(begun: Folders) -> None:
 
 
 @pytest.mark.parametrize(
-    "given",
-    [{"steps": -1}, {"every": 0}, {"snapshots": 0, "opponents": {"past": 1}}, {"memory": -1}, {"seed": 1.5}],
+    "given", [{"steps": -1}, {"every": 0}, {"snapshots": 0, "opponents": {"past": 1}}, {"memory": -1}, {"seed": 1.5}]
 )
 def test_numbers_that_cannot_be_are_named(given: dict[str, Any]) -> None:
     with pytest.raises(TrainingError, match=f"{next(iter(given))} = .*: an integer >= [01] is needed"):

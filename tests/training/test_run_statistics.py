@@ -114,10 +114,7 @@ def test_what_is_written() -> None:
         ({PLANS[0]: {"absolute_metrics": {"wins": 1}}}, "teams_2, fast, seed 1 has 1 evaluations"),
         ({PLANS[0]: {1: {"wins": 1}}}, "teams_2, fast, seed 1 has 1 evaluations: all need equally many, and absolute_"),
         ({PLANS[0]: {**ONE, "absolute_metrics": {"wins": 1}}}, r"has metrics \['length', 'wins'\]: expected \['w"),
-        (
-            {PLANS[0]: {**ONE, "absolute_metrics": {"wins": math.nan, "length": 1}}},
-            "seed 1: wins = nan",
-        ),
+        ({PLANS[0]: {**ONE, "absolute_metrics": {"wins": math.nan, "length": 1}}}, "seed 1: wins = nan"),
     ],
 )
 def test_what_it_would_misread_is_refused(runs: Any, message: str) -> None:
