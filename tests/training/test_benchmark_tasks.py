@@ -74,23 +74,18 @@ def numbers_of(game: tasks.TaskGame) -> dict[str, Any]:
 
 def test_each_side_plays_in_worlds_of_every_count() -> None:
     """Sides alternate from world to world; what worlds are given must not alternate with them."""
-    given = [
-        (game.name, game.numbers(320)) for task in tasks.tasks().values() for game in task.games.values() if game.given
-    ]
+    given = [game for task in tasks.tasks().values() for game in task.games.values() if game.given]
     assert len(given) >= 3
-    for name, numbers in given:
-        for values in numbers.values():
-            assert {*values[::2].tolist()} == {*values[1::2].tolist()}, name
+    for game in given:
+        for values in game.numbers(320).values():
+            assert {*values[::2].tolist()} == {*values[1::2].tolist()}, game.name
 
 
 def _apart(one: Any, other: Any) -> bool:
     """Whether no value is of both: of distributions, or of the values that worlds are given."""
-    (low, high), (least, most) = (own if isinstance(own, tuple) else own.extremes() for own in map(_ends, (one, other)))
+    ends = [(min(own), max(own)) if isinstance(own, tuple) else own.extremes() for own in (one, other)]
+    (low, high), (least, most) = ends
     return bool(most < low or least > high)
-
-
-def _ends(values: Any) -> Any:
-    return (min(values), max(values)) if isinstance(values, tuple) else values
 
 
 def test_tasks_keep_to_the_protocol() -> None:
@@ -105,9 +100,8 @@ def test_tasks_keep_to_the_protocol() -> None:
         check_training_seed(TEST_SEEDS.start)
     assert [track_of(budget) for budget in BUDGETS.values()] == list(BUDGETS)
     assert track_of(BUDGETS["10M"], GAMES - 2) == track_of(65_536) == ""
-    assert [name for name, task in tasks.tasks().items() if task.mates] == [
-        f"teams_{k}-v2" for k in ("2", "3", "3-mended")
-    ]
+    mates = [name for name, task in tasks.tasks().items() if task.mates]
+    assert mates == ["teams_2-v2", "teams_3-v2", "teams_3-mended-v2"]
     with pytest.raises(TrainingError, match=r"unknown task 'teams_2'; did you mean .*teams_2-v2"):
         tasks.task_of("teams_2")
 
@@ -122,9 +116,7 @@ def test_the_strongest_anchor_beats_every_style() -> None:
     assert known.keys() == set(tasks.tasks())
     for name in files:
         members = suite(tasks.task_of(name)).members.values()  # which checks the game
-        styles, anchors = (
-            [member.rating or 0.0 for member in members if (member.anchor is None) == style] for style in (True, False)
-        )
+        anchors, styles = ([own.rating or 0.0 for own in members if (own.anchor is None) == k] for k in (False, True))
         assert len(anchors) >= 4
         assert anchors == sorted(anchors)
         assert anchors[-1] > max(styles), name
