@@ -123,6 +123,7 @@ def test_the_end_is_shown_and_r_goes_on(page, game):
     assert "You lost" in text
     assert "1 ticks" in text
     assert game.phase is GamePhase.OVER
+    assert word(page, "Health") == "dead"
     page.keyboard.press("r")
     assert "You are agent 0" in card(page, "ready")
     assert game.worlds[Clock].episode[0, 0] == 2
