@@ -10,16 +10,10 @@ tested, or it is equivalent, such as `<=` for `<` where equality cannot occur.
 The exit status is 1 if less than 85 % of the mutants are killed.
 
 Kernels run as plain Python, so that nothing is compiled. The native backend of
-Box2D only runs compiled, and is tested with --compiled. box2d/layout.py,
-probe.py, sample.py and verify.py are left out: tests/physics/test_backends.py
-is their mutation test, as it changes every number in them. Left out, too, are
-changes that no test could or should detect:
-
-* in decorators: they have no effect on uncompiled kernels, and `@NAME.system` is tested in ecs;
-* in annotations, docstrings, and f-strings, which are messages here;
-* all but one or two replacements of an operator: twelve would count the same line twelve times;
-* -1 for the index 0: most columns indexed so have one entry;
-* what Python does not compile.
+Box2D only runs compiled, and is tested with --compiled; LEFT_OUT is left out, as
+tests/physics/test_backends.py changes every number in it. So are changes that no
+test could or should detect: in decorators, annotations, docstrings, f-strings;
+a third replacement of an operator; -1 for 0, where most columns have one entry.
 """
 
 import compileall

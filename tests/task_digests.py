@@ -36,20 +36,11 @@ def games(task: Task) -> dict[str, TaskGame]:
 def identity(scenario: Scenario) -> str:
     """A digest of a game: its numbers, what varies, and so on, but not its name."""
     content = {key: value for key, value in fingerprint(scenario).items() if key not in ("name", "label")}
-    return _short(json.dumps(content, sort_keys=True).encode())
+    return hashlib.blake2b(json.dumps(content, sort_keys=True).encode(), digest_size=12).hexdigest()
 
 
-def begins(game: TaskGame) -> str:
-    """A digest of the first observations."""
-    return _play(game, 0)
-
-
-def goes_on(game: TaskGame) -> str:
-    """A digest of the observations of some ticks, with always the same actions."""
-    return _play(game, TICKS)
-
-
-def _play(game: TaskGame, ticks: int) -> str:
+def observed(game: TaskGame, ticks: int) -> str:
+    """A digest of the first observations, and of those of some ticks, with always the same actions."""
     env, total = make_vec(game.scenario, WORLDS, seed=game.seed, copy=False), hashlib.blake2b(digest_size=12)
     if game.given:
         env.set_numbers(game.numbers(WORLDS))
@@ -63,10 +54,6 @@ def _play(game: TaskGame, ticks: int) -> str:
     return total.hexdigest()
 
 
-def _short(content: bytes) -> str:
-    return hashlib.blake2b(content, digest_size=12).hexdigest()
-
-
 def pinned() -> Pinned:
     """The content of the file: by task and game."""
     return dict(json.loads(FILE.read_text())) if FILE.exists() else {}
@@ -78,9 +65,9 @@ def write() -> None:
     for task in tasks().values():
         own = known.setdefault(task.name, {})
         for name, game in games(task).items():
-            found = {"fingerprint": identity(game.scenario), "begins": begins(game), "goes on": {}}
+            found = {"fingerprint": identity(game.scenario), "begins": observed(game, 0), "goes on": {}}
             entry = own.setdefault(name, found)
-            entry["goes on"].setdefault(platform_name(), goes_on(game))
+            entry["goes on"].setdefault(platform_name(), observed(game, TICKS))
     FILE.write_text(json.dumps(known, indent=1) + "\n")
 
 

@@ -11,30 +11,22 @@ from outlast.distributions import choice, integers, log_uniform, uniform
 from outlast.envs.scenarios.fingerprint import classes, difference, fingerprint, rebuilt
 from outlast.systems import DropLast
 
-DUEL = variant("ffa_3")
+DUEL, AHEAD = variant("ffa_3"), uniform(0.1, 1)
+TEN = "ffa_3-without_boxes-n_agents=10-melee_damage=20"
 
 
 @pytest.mark.parametrize(
     ("derived", "name"),
     [
         (DUEL, "ffa_3"),
-        (
-            DUEL.without("boxes").replace(n_agents=10, melee_damage=20),
-            "ffa_3-without_boxes-n_agents=10-melee_damage=20",
-        ),
-        (
-            DUEL.replace(n_agents=10, melee_damage=20).without("boxes"),
-            "ffa_3-without_boxes-n_agents=10-melee_damage=20",
-        ),
+        (DUEL.without("boxes").replace(n_agents=10, melee_damage=20), TEN),
+        (DUEL.replace(n_agents=10, melee_damage=20).without("boxes"), TEN),
         (DUEL.with_(DropLast(offset=2.0)), "ffa_3-with_drop_last-drop_last_offset=2"),
         (DUEL.replace(ending_rule="all dead", room_walls=False), "ffa_3-ending_rule=all_dead-room_walls=False"),
         (variant("ffa_3+steering").replace(steering_speed=2.5), "ffa_3+steering-steering_speed=2.5"),
         (dataclasses.replace(DUEL.replace(n_agents=3), name="mine").replace(heals_amount=1), "mine-heals_amount=1"),
         (DUEL.vary(n_agents=integers(2, 6), melee_damage=integers(5, 20)), "ffa_3-n_agents=2..6-melee_damage=5..20"),
-        (
-            DUEL.vary(motors_ahead=uniform(0.1, 1)).observe_numbers(),
-            "ffa_3-motors_ahead=0.1..1.0-observed_motors_ahead",
-        ),
+        (DUEL.vary(motors_ahead=AHEAD).observe_numbers(), "ffa_3-motors_ahead=0.1..1.0-observed_motors_ahead"),
         (DUEL.replace(n_agents=6).vary(n_agents=integers(2, 6)), "ffa_3-n_agents=2..6"),
         (DUEL.vary(motors_ahead=log_uniform(0.1, 1)), "ffa_3-motors_ahead=log_0.1..1.0"),
         (DUEL.roles(a=role(1, melee_damage=integers(1, 2)), b=role(1)), "ffa_3-roles_1_a_and_1_b_a_melee_damage=1..2"),

@@ -58,11 +58,8 @@ def test_tables_that_could_not_be_laid_out_are_refused_at_once(numbers: dict[str
 
 def test_the_command_says_what_numbers_are_drawn_from(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     scenario = variant("ffa_1").vary(heals_count=outlast.distributions.integers(2, 8))
-    roles = {
-        "hunter": outlast.role(1, melee_damage=20),
-        "prey": outlast.role(melee_damage=outlast.distributions.integers(0, 2)),
-    }
-    scenario.roles(**roles).save(tmp_path / "game.json")
+    prey = outlast.role(melee_damage=outlast.distributions.integers(0, 2))
+    scenario.roles(hunter=outlast.role(1, melee_damage=20), prey=prey).save(tmp_path / "game.json")
     assert main(["numbers", str(tmp_path / "game.json")]) == 0
     out = capsys.readouterr().out
     assert "heals_count                  integers(2, 8)  " in out

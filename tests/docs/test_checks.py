@@ -1,6 +1,5 @@
 """`python -m tests`: its last line names what was left out, and the texts about it agree."""
 
-import importlib.util
 import subprocess
 import sys
 from collections import Counter
@@ -55,12 +54,6 @@ def test_the_last_line_names_what_was_left_out(
     assert check.summary(results, types) == 0
     end = f"; left out: {end} (all are in '.[test-all]')" if end else ""
     assert capsys.readouterr().out.splitlines()[-1] == f"5 passed, 0 failed, 2 skipped{end}"
-
-
-def test_types_are_checked_where_torch_is_installed(monkeypatch: pytest.MonkeyPatch) -> None:
-    for found in (None, object()):
-        monkeypatch.setattr(importlib.util, "find_spec", lambda name, found=found: found)
-        assert ("mypy" in [stage.name for stage in check.checks()]) == (found is not None)
 
 
 @pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", "docs/reliability.md"])

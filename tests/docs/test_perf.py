@@ -147,34 +147,6 @@ def test_what_cannot_be_measured_or_kept_is_said_ahead_of_it(
         assert message in capsys.readouterr().err
 
 
-@pytest.mark.nightly
-def test_rates_of_training_are_shared_out_among_its_parts(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, one_torch_thread: None
-) -> None:
-    pytest.importorskip("torch", reason="needs torch: outlast[train]")
-    from outlast.training.policies import rows
-    from outlast.training.ppo import learner
-    from perf.training import rates
-
-    for target in (learner, learner.Samples, rows.Rows, rows.PaddedRows, rates.torch.autograd, rates.torch.nn.utils):
-        for name in {"evaluated", "normalised", "select", "backward", "clip_grad_norm_"} & vars(target).keys():
-            monkeypatch.setattr(target, name, getattr(target, name))  # put back behind the test
-    monkeypatch.setattr("perf.table.FOLDER", tmp_path)
-    small = ("--variants", "ffa_2", "--worlds", "4", "--rollout", "128")
-    for preset in ("original", "fast"):
-        monkeypatch.setattr(sys, "argv", ["perf.training.rates", *small, "--preset", preset, "--save", preset])
-        rates.main()
-        with (tmp_path / preset / "training.csv").open() as file:
-            found = list(csv.DictReader(file))
-        assert [row["part"] for row in found] == ["collecting", "updating"]
-        for row, without in zip(found, (rates.PARTS[4:], rates.PARTS[:2]), strict=True):
-            shares = {name: float(row[name].rstrip("%") or 0) for name in (*rates.PARTS, "rest")}
-            assert 96 <= sum(shares.values()) <= 104
-            assert shares["networks"] > 5
-            assert not any(shares[name] for name in without)
-            assert float(row["a second"].replace(",", "")) > 10
-
-
 @pytest.mark.filterwarnings("ignore")  # of the libraries
 def test_every_interface_is_timed_that_is_installed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(interfaces, "SECONDS", 0.001)
@@ -186,14 +158,6 @@ def test_every_interface_is_timed_that_is_installed(monkeypatch: pytest.MonkeyPa
         assert us > 0
         assert float(rate.replace(",", "")) > 0
         assert float(share.rstrip("%")) > 0
-
-
-@pytest.mark.nightly
-def test_gymnasium_measures_every_vector_environment() -> None:
-    pytest.importorskip("gymnasium", "1.4", reason="benchmark_vector_step came with gymnasium 1.4")
-    table = vector_step.measured([1, 4], 0.02)
-    assert [row[:2] for row in table.rows] == [[label, n] for n in ("1", "4") for label in vector_step.ENVIRONMENTS]
-    assert all(float(rate.replace(",", "")) > 0 for row in table.rows for rate in row[2:])
 
 
 STEP = """

@@ -758,14 +758,3 @@ def test_what_the_command_cannot_do_is_refused(words: str, message: str, tmp_pat
     assert main(["benchmark", *words.split()]) == 2
     assert message in capsys.readouterr().err
     assert not [*tmp_path.iterdir()]
-
-
-def test_what_marl_eval_cannot_take_stops_no_table(results: Path, tmp_path: Path, monkeypatch, caplog) -> None:
-    def refuse(*_: object) -> None:
-        raise TrainingError("Fast and fast are the same name for marl-eval")
-
-    monkeypatch.setattr(table, "marl_eval_json", refuse)
-    found = scores.scores([manifest.read(results)])
-    written = {path.name for path in table.write(found, [], tmp_path / "tables")}
-    assert written == {"curves-2048.png", "profile-2048.png", "table.csv", "table.md"}
-    assert "marl_eval-2048.json is left out: Fast and fast are the same name for marl-eval" in caplog.text

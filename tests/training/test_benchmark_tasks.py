@@ -22,7 +22,7 @@ from outlast.training.benchmark.games import Moves, Played, play
 from outlast.training.benchmark.suite import FOLDER, TABLE, suite
 from outlast.training.benchmark.tasks import BUDGETS, GAMES, TEST_SEEDS, VALIDATION_SEED, check_training_seed, track_of
 from tests.digests import platform_name
-from tests.task_digests import begins, goes_on, identity, pinned
+from tests.task_digests import TICKS, identity, observed, pinned
 from tests.task_digests import games as games_of
 
 VERSION = "the game '{1}' of {0} is another one: give the task a new version; python -m tests.task_digests --write"
@@ -44,10 +44,10 @@ def test_a_game_is_the_one_that_its_task_names(task: str, name: str) -> None:
 @pytest.mark.by_day(8)
 def test_its_worlds_go_on_as_they_did(task: str, name: str) -> None:
     game, own = games_of(tasks.task_of(task))[name], pinned()[task][name]
-    assert begins(game) == own["begins"], VERSION.format(task, name)
+    assert observed(game, 0) == own["begins"], VERSION.format(task, name)
     if platform_name() not in own["goes on"]:
         pytest.skip(f"nothing is pinned on {platform_name()}: python -m tests.task_digests --write adds it")
-    assert goes_on(game) == own["goes on"][platform_name()], VERSION.format(task, name)
+    assert observed(game, TICKS) == own["goes on"][platform_name()], VERSION.format(task, name)
 
 
 @pytest.mark.parametrize("name", ["numbers-v2", "counts-v2", "agents-v2"])

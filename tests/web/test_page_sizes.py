@@ -1,4 +1,4 @@
-"""Pages of many or absent agents, of many episodes, in small windows: nothing is pushed out, and nothing made up."""
+"""Pages of many or absent agents, in small windows: nothing is pushed out, and nothing made up."""
 
 from pathlib import Path
 from typing import Any
@@ -35,27 +35,11 @@ def test_events_are_listed_where_everything_is_in_one_column(look: Any, size: tu
         assert stage["y"] + stage["height"] <= footer["y"]
 
 
-def test_buttons_stay_in_a_short_window(look: Any) -> None:
-    screen = look(viewport={"width": 900, "height": 420})
-    views, header = (screen.page.locator(name).bounding_box() for name in ("#views", "header"))
-    assert views["y"] >= header["y"] + header["height"]
-    assert screen.page.locator("#views button").first.bounding_box()["y"] >= views["y"]
-
-
 def test_a_crowd_leaves_room_for_the_world(look: Any, tmp_path: Path) -> None:
     crowd = outlast.variant("ffa_1").replace(n_agents=160).with_(SpawnGrid(cells=16))
     screen = look(page_of(tmp_path / "crowd.html", crowd, 5), viewport={"width": 1280, "height": 800})
     assert height(screen, "#stage") > 300
     assert screen.page.locator(".agent").count() == 160
-
-
-def test_many_episodes_do_not_widen_the_page(look: Any, tmp_path: Path) -> None:
-    short = outlast.variant("ffa_1").replace(ending_limit=3)
-    screen = look(page_of(tmp_path / "short.html", short, 1200), viewport={"width": 1280, "height": 800})
-    assert screen.page.locator("#episodes button").count() > 300
-    assert screen.page.evaluate("document.documentElement.scrollWidth") == 1280
-    screen.page.locator("#episodes button").last.click()
-    assert screen.number("tick") == 0
 
 
 def test_absent_agents_cannot_be_followed(look: Any, tmp_path: Path) -> None:

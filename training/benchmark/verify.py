@@ -72,7 +72,7 @@ class Verification:
         )
 
 
-class MissingError(UsageError):
+class _Missing(UsageError):
     """Something cannot be verified."""
 
 
@@ -114,7 +114,7 @@ def _found(what: str, check: Callable[..., Any], *arguments: Any) -> Verificatio
     """Return a finding: what a check raises is wrong or missing; it may return what is missing, differing and drawn."""
     try:
         return Verification(what, "", *(check(*arguments) or ()))
-    except MissingError as error:
+    except _Missing as error:
         return Verification(what, missing=str(error))
     except (RecordingError, ScenarioError, UsageError) as error:
         return Verification(what, str(error))
@@ -151,14 +151,14 @@ def check_entry(entry: Entry) -> None:
             raise TrainingError(f"its policy is not candidate {best}, which won most games in the validation")
         _check_files(entry, best)
     if policy is None:
-        raise MissingError("it has not been run")
+        raise _Missing("it has not been run")
     if absent := [pairing for pairing in entry.planned if pairing not in entry.matches]:
-        raise MissingError(f"{absent[0]} has not been played")
+        raise _Missing(f"{absent[0]} has not been played")
     if entry.agent.function:
-        raise MissingError(f"{FOREIGN}: nobody can tell whether it chose these actions")
+        raise _Missing(f"{FOREIGN}: nobody can tell whether it chose these actions")
     needed = [entry.policy(), *(entry.policy(k) for k in range(count) if count > 1)]
     if gone := [path for path in (*needed, *map(entry.response, content["responses"])) if not path.exists()]:
-        raise MissingError(f"{gone[0].name} is missing")
+        raise _Missing(f"{gone[0].name} is missing")
 
 
 def _check_files(entry: Entry, best: int) -> None:
@@ -221,9 +221,9 @@ def check_situations(entry: Entry) -> None:
     """Try an entry in situations again."""
     given, own = entry.content["situations"], _agent(entry, -1)
     if given is None:
-        raise MissingError("it has not been tried in situations")
+        raise _Missing("it has not been tried in situations")
     if own is None:
-        raise MissingError(UNCOMPARED)
+        raise _Missing(UNCOMPARED)
     found = passed(entry.task.scenario, own)
     if given.keys() != found.keys():
         raise TrainingError(f"it has {', '.join(given) or 'none'}: the game has {', '.join(found) or 'none'}")
@@ -236,11 +236,11 @@ def check_match(entry: Entry, pairing: Pairing) -> tuple[str, int, int]:
     """Play a match again. Return what is not verified of it, and the numbers of actions that differ and were drawn."""
     path, match = entry.folder / pairing.file, entry.matches[pairing]
     if not path.exists():
-        raise MissingError("its file is not here")
+        raise _Missing("its file is not here")
     if digest(path) != match["moves"]:
         raise TrainingError("its file is not the one that was made")
     if pairing.against in entry.content["responses"] and not (response := entry.response(pairing.against)).exists():
-        raise MissingError(f"{response.name} is missing")
+        raise _Missing(f"{response.name} is missing")
 
     def rival(other: Entry) -> Contender | None:
         policy = other.content["policy"]
@@ -262,9 +262,9 @@ def check_match(entry: Entry, pairing: Pairing) -> tuple[str, int, int]:
 
 
 def _agent(entry: Entry, candidate: int) -> Contender | None:
-    """Return the policy of an entry; None for a function, which is not executed. Raises MissingError."""
+    """Return the policy of an entry; None for a function, which is not executed. Raises _Missing."""
     if entry.agent.function:
         return None
     if not (path := entry.policy(candidate)).exists():
-        raise MissingError(f"{path.name} is missing, so its choices were not compared")
+        raise _Missing(f"{path.name} is missing, so its choices were not compared")
     return entry.contender(candidate)
