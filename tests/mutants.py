@@ -89,10 +89,7 @@ FIRST = {
     for name in names.split()
 }
 NUMBERS = "numbers scenario"  # where a number of a module is declared
-LEFT_OUT_TESTS = (  # slow ones
-    "fidelity_rules.py::test_the_longest_life_without_heals",
-    "scenario.py::test_what_is_left_runs",
-)
+SLOW = ("fidelity_rules.py::test_the_longest_life_without_heals", "scenario.py::test_what_is_left_runs")
 
 
 # ---- mutants
@@ -208,7 +205,7 @@ def tests_of(mutant: Mutant) -> list[list[str]]:
     else:
         first = NUMBERS.split() if mutant.declares else FIRST.get(Path(mutant.file).stem, "").split()
         others = [name for name in NAIVE.split() if name not in first]
-    without = [f"--deselect={path(name)}" for name in LEFT_OUT_TESTS]
+    without = [f"--deselect={path(name)}" for name in SLOW]
     return [[*map(path, names), *without] for names in (first, others) if names]
 
 
