@@ -17,7 +17,7 @@ import numpy as np
 from outlast.ecs.kernels.errors import OutlastError
 from outlast.envs.errors import ActionError
 from outlast.envs.rollout.lineup import parse_lineup
-from outlast.envs.rollout.saved import checkpoints, is_saved
+from outlast.envs.rollout.saved import checkpoints, is_saved, steps_of
 from outlast.envs.storage.folder_lock import FolderLock
 
 from ..arena.players import Contender
@@ -338,8 +338,8 @@ class EntryRun:
         folder = self.entry.folder / name
         run = TrainingRun(config, folder, resume=folder.exists())
         run.train(lambda run: self.progress(self.entry.work()[0], f"{name}: {run.now}"))
-        found = [(int(path.stem.rpartition("_")[2]), path) for path in checkpoints(folder)]
-        return [next(path for done, path in found if done >= steps) for steps in after]
+        found = checkpoints(folder)
+        return [next(path for path in found if steps_of(path) >= steps) for steps in after]
 
     def _play(self, pairing: Pairing) -> None:
         """Play a match, for which a best response may have to be trained, and enter it."""

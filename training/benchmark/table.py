@@ -192,7 +192,7 @@ def _draw_profile(own: scores.Scores, title: str) -> Any:
 
     figure = figure_of(*SIZE, layout="constrained")
     axes = figure.subplots()
-    axes.set_title(f"{title}, {len(own['common'])} tasks")
+    axes.set_title(f"{title}, {len(own['common'])} task{'s' * (len(own['common']) > 1)}")
     for k, agent in enumerate(own["iqm"]):
         each = own["profile"][agent]
         _line(axes, k, agent, own["profile"]["thresholds"], {"mean": each["value"], **each}, "post")
