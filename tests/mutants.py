@@ -38,7 +38,7 @@ from typing import Any
 from tqdm import tqdm
 
 ROOT = Path(__file__).resolve().parents[1]
-TREE = (".src", "components", "docs/examples", "ecs", "envs", "systems", "tests", "training", "pyproject.toml")
+TREE = (".src", "components", "docs", "ecs", "envs", "systems", "tests", "training", "pyproject.toml")
 COMPILED = [f"systems/box2d/{name}.py" for name in ("workspace", "impact", "island", "native")]
 LEFT_OUT = [f"systems/box2d/{name}.py" for name in ("layout", "probe", "sample", "verify")]
 LEAST_SHARE = 0.85
