@@ -2,7 +2,7 @@
 
     python -m perf.training.race ffa_2 teams_2 teams_3 [--seeds 0 1 2 3 4]
         [--preset fast] [--ppo NAME=VALUE] [--steps 10e6] [--every 15]
-        [--limit 300] [--whole] [--out runs/race] [--save MACHINE]
+        [--limit 300] [--whole] [--unmasked] [--out runs/race] [--save MACHINE]
 
 Each run trains on one thread. Every so many CPU seconds of training it stops,
 and so does its clock, to play against the reference: the policy of
@@ -14,6 +14,7 @@ the reference's. Then it ends, unless --whole asks for all of its steps.
 import contextlib
 import csv
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -58,9 +59,12 @@ def main() -> None:
         "--limit", type=float, default=300, help="CPU seconds of training after which a run ends (default 300)"
     )
     parser.add_argument("--whole", action="store_true", help="go on when a run is as good as the reference")
+    parser.add_argument("--unmasked", action="store_true", help="also draw actions that can change nothing")
     parser.add_argument("--out", type=Path, default=Path("runs/race"), help="folder of the runs (default runs/race)")
     given = parser.parse_args()
     torch.set_num_threads(1)
+    if given.unmasked:
+        PRESETS[given.preset] = replace(PRESETS[given.preset], masked=False)
     table = Table(
         "training_race", "variant", "seed", "CPU s", "agent-steps", "wins", "length", "its length", "level after"
     )
