@@ -16,8 +16,7 @@ from outlast.envs.cli.schedule import uses
 from outlast.envs.core.spaces import published
 from outlast.envs.rendering.layers import FILM_LAYERS_BY_NAME, FILM_OPTIONAL, LAYERS
 from outlast.envs.scenarios.number_table import allowed, in_words, number_rows
-from outlast.training.base.hyperparameters import Hyperparameters
-from outlast.training.base.presets import PRESETS
+from outlast.training.base.presets import PRESETS, Hyperparameters
 from outlast.training.base.quantities import COLUMNS
 from outlast.training.benchmark.suite import suite
 from outlast.training.benchmark.tasks import tasks

@@ -14,7 +14,7 @@ from sources import code, grid
 
 import outlast
 from outlast import systems
-from outlast.training.base.tables import NONE, pivot
+from outlast.training.base.quantities import NONE, pivot
 from outlast.training.plots.plot import compare
 from outlast.training.research.claims import claims_table, findings
 from outlast.training.research.compare import markdown, side_by_side

@@ -29,7 +29,7 @@ from outlast.training.base import policy_file
 from outlast.training.base.files import write_files
 from outlast.training.benchmark import suite
 from outlast.training.policies.player import Player, _logs, weights_of
-from outlast.training.runs.episode import recorded_scenario
+from outlast.training.runs.film import recorded_scenario
 
 POLICIES = RESULTS / "policies"
 GAMES = 320  # against `scripted`

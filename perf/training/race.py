@@ -26,11 +26,9 @@ from outlast.envs.scenarios.scenario import Scenario
 from outlast.training.arena.evaluation import Evaluation
 from outlast.training.arena.players import contenders
 from outlast.training.base.config import TrainingConfig
-from outlast.training.base.hyperparameters import parse_hyperparameters
-from outlast.training.base.presets import PRESETS
+from outlast.training.base.presets import PRESETS, parse_hyperparameters
 from outlast.training.policies import checkpoint
-from outlast.training.ppo.trainer import Trainer
-from outlast.training.runs.resume import capture
+from outlast.training.ppo.trainer import Trainer, capture
 from perf.table import Table, options
 
 RESULTS = Path(__file__).parents[2] / "results" / "policies"

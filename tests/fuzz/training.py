@@ -19,13 +19,13 @@ from outlast.training.base.config import TrainingConfig
 from outlast.training.base.curves import FILE, format_curves
 from outlast.training.base.errors import TrainingError
 from outlast.training.base.files import unpacked
+from outlast.training.base.policy_file import WEIGHTS
 from outlast.training.base.presets import preset
-from outlast.training.base.run_header import WEIGHTS
 from outlast.training.policies import checkpoint
 from outlast.training.policies.player import Player
+from outlast.training.ppo import trainer
 from outlast.training.ppo.trainer import Trainer
 from outlast.training.research import compare, figures, results
-from outlast.training.runs import resume
 from outlast.training.runs.run import TrainingRun
 from tests.fuzz.mutations import Random, mutated, mutated_json, mutated_npy, mutated_zip, to_json, unzipped, zipped
 from tests.fuzz.worlds import folder_of
@@ -99,15 +99,15 @@ class Checkpoints(_Checkpoints):
         torch.set_num_threads(1)
         self.folder = folder_of(self)
         self.trainer = Trainer(CONFIG)
-        first = resume.capture(self.trainer, CONFIG.header())
+        first = trainer.capture(self.trainer, CONFIG.header())
         self._go_on()
-        self.files = [zipped(files) for files in (first, resume.capture(self.trainer, CONFIG.header()))]
+        self.files = [zipped(files) for files in (first, trainer.capture(self.trainer, CONFIG.header()))]
         self.valid = self.files[1]
 
     def use(self, path: Path) -> None:
         """Resume from it; sometimes as `outlast train --resume` does."""
         if path.stat().st_size % 32:
-            resume.restore(self.trainer, checkpoint.read_checkpoint(path))
+            trainer.restore(self.trainer, checkpoint.read_checkpoint(path))
             self._go_on()
             return
         run = self.folder / "run"
@@ -132,7 +132,7 @@ class Policies(_Checkpoints):
     def __init__(self) -> None:
         torch.set_num_threads(1)
         trainers = [Trainer(dataclasses.replace(CONFIG, preset=name)) for name in ("original", "scaled")]
-        self.files = [zipped(resume.capture(trainer, CONFIG.header())) for trainer in trainers]
+        self.files = [zipped(trainer.capture(trainer, CONFIG.header())) for trainer in trainers]
         self.valid = self.files[0]
 
     def use(self, path: Path) -> None:

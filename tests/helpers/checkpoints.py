@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-from outlast.training.base import run_header
+from outlast.training.base import policy_file
 from outlast.training.policies.checkpoint import policies_content, write_checkpoint
 from outlast.training.policies.player import Player
 
@@ -14,5 +14,5 @@ def as_checkpoint(name: str, place: Path) -> Path:
     """Write a kept policy, such as "ffa_2/original-0", as a checkpoint, and return the path."""
     player = Player(KEPT / f"{name}.safetensors")
     weights = policies_content([policy.state_dict() for policy in player.policies])
-    write_checkpoint(place, {run_header.NAME: json.dumps(player.header).encode(), run_header.WEIGHTS: weights})
+    write_checkpoint(place, {policy_file.RUN_JSON: json.dumps(player.header).encode(), policy_file.WEIGHTS: weights})
     return place

@@ -6,7 +6,7 @@ from typing import Any
 
 from outlast.envs.rollout.saved import newest
 from outlast.training.base.config import TrainingConfig
-from outlast.training.base.log_file import read_log
+from outlast.training.base.curves import read_log
 from outlast.training.cli import train as command
 from outlast.training.policies import checkpoint
 from tests.conftest import call

@@ -160,7 +160,7 @@ def scalars(folder: Path) -> dict[str, list[tuple[int, float]]]:
     """What TensorBoard shows of a run, with float64 values of log.csv in the place of its float32."""
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-    from outlast.training.base.log_file import read_log
+    from outlast.training.base.curves import read_log
 
     logging.getLogger("tensorboard").setLevel(logging.ERROR)  # it warns of each restart
     events = EventAccumulator(str(folder), size_guidance={"scalars": 0}).Reload()
@@ -172,7 +172,7 @@ def scalars(folder: Path) -> dict[str, list[tuple[int, float]]]:
 
 def beginning_of_a_run(run: Path, expected: Path) -> None:
     """Checkpoints of the run, none of them ahead of the log."""
-    from outlast.training.base.log_file import read_log
+    from outlast.training.base.curves import read_log
     from outlast.training.policies import checkpoint
 
     if not visible(run):
@@ -189,8 +189,8 @@ def beginning_of_a_run(run: Path, expected: Path) -> None:
 
 def whole_run(run: Path, expected: Path) -> None:
     from outlast.envs.rollout.saved import newest
-    from outlast.training.base.log_file import read_log
-    from outlast.training.base.run_header import WEIGHTS
+    from outlast.training.base.curves import read_log
+    from outlast.training.base.policy_file import WEIGHTS
     from outlast.training.policies import checkpoint
 
     one, other = (untimed(read_log(folder / "log.csv")) for folder in (run, expected))

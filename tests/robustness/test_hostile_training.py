@@ -19,12 +19,11 @@ pytest.importorskip("tensorboard", reason="needs tensorboard: outlast[train]")
 from outlast.training.base import policy_file  # noqa: E402
 from outlast.training.base.config import TrainingConfig  # noqa: E402
 from outlast.training.base.errors import TrainingError  # noqa: E402
-from outlast.training.base.run_header import WEIGHTS  # noqa: E402
+from outlast.training.base.policy_file import WEIGHTS  # noqa: E402
 from outlast.training.policies import checkpoint  # noqa: E402
 from outlast.training.policies.checkpoint import REST  # noqa: E402
 from outlast.training.policies.player import Player  # noqa: E402
-from outlast.training.ppo.trainer import Trainer  # noqa: E402
-from outlast.training.runs import resume  # noqa: E402
+from outlast.training.ppo.trainer import Trainer, capture, restore  # noqa: E402
 from tests.fuzz.mutations import memory_limit, zipped  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("one_torch_thread")
@@ -41,7 +40,7 @@ def trainer() -> Trainer:
 def files(trainer: Trainer) -> Files:
     """The files of a checkpoint after one update."""
     trainer.update(trainer.collect())
-    return resume.capture(trainer, {"plan": {"seed": 0}})
+    return capture(trainer, {"plan": {"seed": 0}})
 
 
 # ---- tensors
@@ -179,10 +178,10 @@ def test_a_run_does_not_go_on_with_what_cannot_be(trainer: Trainer, files: Files
     before = [weight.clone() for weight in trainer.policies[0].parameters()], trainer.learners[0].generator.get_state()
     (change, reason), whole = RESTS[what], what in ("nothing", "a list")
     with pytest.raises(TrainingError, match=reason):
-        resume.restore(trainer, rest_with(files, lambda rest: change(rest) if whole else (change(rest), rest)[1]))
+        restore(trainer, rest_with(files, lambda rest: change(rest) if whole else (change(rest), rest)[1]))
     assert all(torch.equal(*pair) for pair in zip(before[0], trainer.policies[0].parameters(), strict=True))
     assert torch.equal(before[1], trainer.learners[0].generator.get_state())
-    resume.restore(trainer, files)
+    restore(trainer, files)
     assert trainer.steps == checkpoint.header_of(files)["steps"]
 
 
@@ -190,10 +189,10 @@ def test_a_run_does_not_go_on_with_what_cannot_be(trainer: Trainer, files: Files
     "extreme", [{"sums": [1e30] * 8}, {"variance": 1e60}, {"variance": 0.0}, {"count": 1e60}, {"mean": -1e30}]
 )
 def test_a_run_goes_on_with_rewards_at_their_limits(trainer: Trainer, files: Files, extreme: dict[str, Any]) -> None:
-    resume.restore(trainer, rest_with(files, lambda rest: rewards(rest, **extreme)))
+    restore(trainer, rest_with(files, lambda rest: rewards(rest, **extreme)))
     rollout = trainer.collect()
     assert np.isfinite(rollout.advantages).all()
-    resume.restore(trainer, files)
+    restore(trainer, files)
 
 
 PLACES: dict[str, tuple[dict[str, Any], str, str]] = {
@@ -215,14 +214,14 @@ PLACES: dict[str, tuple[dict[str, Any], str, str]] = {
 def test_each_tensor_has_a_place(trainer: Trainer, files: Files, what: str) -> None:
     tensors, text, reason = PLACES[what]
     with pytest.raises(TrainingError, match=f"rest.safetensors of the checkpoint does not fit the run.*{reason}"):
-        resume.restore(trainer, files | {REST: policy_file.tensors_content(tensors, text)})
+        restore(trainer, files | {REST: policy_file.tensors_content(tensors, text)})
 
 
 @pytest.mark.parametrize("name", [WEIGHTS, REST])
 def test_what_is_no_safetensors_is_refused(trainer: Trainer, files: Files, name: str, tmp_path: Path) -> None:
     for content in (b"", pickle.dumps({"a": 1}), files[name][:-1], files[name] + b"x"):
         with pytest.raises(TrainingError, match=rf"{name} of the checkpoint (is|does) not"):
-            resume.restore(trainer, files | {name: content})
+            restore(trainer, files | {name: content})
     checkpoint.write_checkpoint(tmp_path / "a.zip", files | {WEIGHTS: b"x"})
     with pytest.raises(TrainingError, match=r"a\.zip is not a checkpoint: policy.safetensors in it is not a policy: "):
         Player(tmp_path / "a.zip")
@@ -242,14 +241,14 @@ def test_weights_of_something_else_are_refused(trainer: Trainer, files: Files) -
         (weights | {"actor.first.weight": first * np.nan}, "are NaN or beyond 1000"),
     ):
         with pytest.raises(TrainingError, match=reason):
-            resume.restore(trainer, files | {WEIGHTS: checkpoint.policies_content([given])})
+            restore(trainer, files | {WEIGHTS: checkpoint.policies_content([given])})
     with pytest.raises(TrainingError, match="the checkpoint has 2 policies, but the run 1"):
-        resume.restore(trainer, files | {WEIGHTS: checkpoint.policies_content([weights, weights])})
+        restore(trainer, files | {WEIGHTS: checkpoint.policies_content([weights, weights])})
     for tensors in ({}, {"a": np.zeros(3)}, {"1.a": np.zeros(3)}):
         with pytest.raises(TrainingError, match=r"its tensors are not called 0\.NAME"):
-            resume.restore(trainer, files | {WEIGHTS: policy_file.tensors_content(tensors)})
+            restore(trainer, files | {WEIGHTS: policy_file.tensors_content(tensors)})
     with pytest.raises(StateError, match=r"worlds.npz of the checkpoint is not a saved state"):
-        resume.restore(trainer, files | {"worlds.npz": b"x"})
+        restore(trainer, files | {"worlds.npz": b"x"})
 
 
 HEADERS: dict[str, tuple[dict[str, Any], str]] = {

@@ -19,7 +19,7 @@ from outlast.envs.scenarios.floor_plan import FloorPlan
 from outlast.envs.scenarios.parse import with_roles
 from outlast.envs.storage import limited_read
 from outlast.envs.web.play import messages
-from outlast.training.base import curves, run_header
+from outlast.training.base import curves, policy_file
 from outlast.training.base.errors import TrainingError
 from outlast.training.base.files import packed
 from outlast.training.benchmark import result
@@ -28,8 +28,8 @@ VARIANT = outlast.variant("ffa_2")
 
 
 def _run_folder(path: Path) -> None:
-    path.replace(path.with_name(run_header.NAME))
-    run_header.read_run_folder(path.parent)
+    path.replace(path.with_name(policy_file.RUN_JSON))
+    policy_file.read_run_folder(path.parent)
 
 
 def _games(path: Path) -> None:

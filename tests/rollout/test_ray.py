@@ -228,8 +228,7 @@ def test_training_on_a_cluster_gives_the_numbers_of_one_process(workers):
     import torch
 
     from outlast.training.base.config import TrainingConfig
-    from outlast.training.ppo.cluster import recruit_on_cluster
-    from outlast.training.ppo.crew import Crew
+    from outlast.training.ppo.crew import Crew, recruit_on_cluster
 
     train, _, _ = tasks()
     config = TrainingConfig(short("teams_2"), "fast", worlds=7, rollout=7 * 16, settings={"batch_size": 64})
@@ -251,7 +250,7 @@ def test_training_on_a_cluster_gives_the_numbers_of_one_process(workers):
 )
 def test_training_says_why_a_worker_ended(workers, work, message):
     from outlast.training.base.errors import TrainingError
-    from outlast.training.ppo.cluster import recruit_on_cluster
+    from outlast.training.ppo.crew import recruit_on_cluster
 
     crew = recruit_on_cluster("", 3, tasks()[work])
     try:
@@ -262,7 +261,7 @@ def test_training_says_why_a_worker_ended(workers, work, message):
 
 
 def test_training_needs_a_core_for_each_process(workers):
-    from outlast.training.ppo.cluster import recruit_on_cluster
+    from outlast.training.ppo.crew import recruit_on_cluster
 
     with pytest.raises(ClusterError, match="the cluster has 2 cores: 4 processes need 3, and one here"):
         recruit_on_cluster("", 4, tasks()[0])

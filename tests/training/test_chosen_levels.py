@@ -12,7 +12,7 @@ from outlast.envs.rollout.saved import CHECKPOINT
 from outlast.levels import FloorPlan, Level
 from outlast.training.base.config import TrainingConfig
 from outlast.training.base.errors import TrainingError
-from outlast.training.base.run_header import WEIGHTS
+from outlast.training.base.policy_file import WEIGHTS
 from outlast.training.policies import checkpoint
 from outlast.training.ppo.curriculum import TrainingProgress
 from outlast.training.ppo.trainer import Trainer

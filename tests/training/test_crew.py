@@ -19,7 +19,7 @@ from outlast.envs.rollout.saved import CHECKPOINT, newest
 from outlast.envs.snapshots import state
 from outlast.training.base import policy_file
 from outlast.training.base.errors import TrainingError
-from outlast.training.base.run_header import WEIGHTS
+from outlast.training.base.policy_file import WEIGHTS
 from outlast.training.policies import checkpoint
 from outlast.training.ppo.crew import Crew, recruit
 from outlast.training.runs.run import TrainingConfig, TrainingRun

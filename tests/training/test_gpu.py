@@ -15,7 +15,7 @@ from outlast.envs.rollout.saved import checkpoints
 from outlast.training.base.config import TrainingConfig
 from outlast.training.policies.player import Player
 from outlast.training.policies.rows import FILL, Rows
-from outlast.training.ppo import cuda_graph
+from outlast.training.ppo import learner as learning
 from outlast.training.ppo.learner import Adam, Learner
 from outlast.training.ppo.minibatches import Samples
 from outlast.training.ppo.trainer import Trainer
@@ -134,10 +134,10 @@ class Recomputed:
     """What a CUDA graph does: the same again, from tensors that are there to tensors that are there."""
 
     def __init__(self, compute: Any, given: Any) -> None:
-        self.compute, self.given, self.found = compute, given, compute(cuda_graph._copy(given))
+        self.compute, self.given, self.found = compute, given, compute(learning._copy(given))
 
     def replay(self) -> None:
-        figures, gradients = self.compute(cuda_graph._copy(self.given))
+        figures, gradients = self.compute(learning._copy(self.given))
         for kept, values in zip((self.found[0], *self.found[1]), (figures, *gradients), strict=True):
             kept.copy_(values)
 
@@ -147,17 +147,17 @@ def test_graphs_read_the_minibatch_that_they_are_asked_for(changes: dict[str, An
     captured = []
 
     def capture(compute: Any, batch: Any, memory: Any) -> Any:
-        captured.append(one := Recomputed(compute, given := cuda_graph._copy(batch)))
-        return cuda_graph.Captured(one, cuda_graph._tensors(given), one.found)
+        captured.append(one := Recomputed(compute, given := learning._copy(batch)))
+        return learning.Captured(one, learning._batch_tensors(given), one.found)
 
-    monkeypatch.setattr(cuda_graph, "_capture", capture)
+    monkeypatch.setattr(learning, "_capture", capture)
     monkeypatch.setattr(torch.cuda, "graph_pool_handle", lambda: None)
     monkeypatch.setattr(torch.cuda, "device", contextlib.nullcontext)
     one = trainer(**changes)
     learner, rollout = one.learners[0], one.collect()
     samples = Samples(rollout, 0, learner.policy, torch.device("cpu"))
     samples.seen = samples.seen.filled()
-    graphed = cuda_graph.GraphedGradients(torch.device("cpu"))
+    graphed = learning.GraphedGradients(torch.device("cpu"))
     parts = torch.randperm(len(samples.units), generator=torch.Generator().manual_seed(0)).tensor_split(4)
     for k in range(3):
         for part in parts:

@@ -13,18 +13,15 @@ from outlast.components import Body
 from outlast.envs.rollout.memory import told
 from outlast.training.base.config import CHUNK, TrainingConfig
 from outlast.training.base.errors import TrainingError
-from outlast.training.base.hyperparameters import Hyperparameters
 from outlast.training.base.observation_layout import ObservationLayout
-from outlast.training.base.presets import PRESETS, Form, preset
+from outlast.training.base.presets import PRESETS, Form, Hyperparameters, preset
 from outlast.training.policies import checkpoint
-from outlast.training.policies.packer import Packer
 from outlast.training.policies.policy import ActorCritic
-from outlast.training.policies.rows import Observed, Rows, concatenated
+from outlast.training.policies.rows import Observed, Packer, Rows, concatenated
 from outlast.training.ppo.learner import Learner
 from outlast.training.ppo.minibatches import Samples, normalised
 from outlast.training.ppo.rollout import NOBODY, Rollout
-from outlast.training.ppo.trainer import Trainer
-from outlast.training.runs.resume import capture
+from outlast.training.ppo.trainer import Trainer, capture
 
 SHORT = variant("ffa_2").replace(agents_health=10, safe_zone_radii=(9.0, 4.0), safe_zone_stand=10, safe_zone_shrink=10)
 FORM = preset("fast").form

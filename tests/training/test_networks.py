@@ -19,17 +19,14 @@ from outlast.envs.rollout.policies import scripted_policy
 from outlast.training.base.config import TrainingConfig
 from outlast.training.base.errors import TrainingError
 from outlast.training.base.observation_layout import MASK, ObservationLayout, field_table, layout_of, scales
+from outlast.training.base.policy_file import RUN_JSON
 from outlast.training.base.presets import PRESETS, Form, preset
-from outlast.training.base.run_header import NAME
-from outlast.training.policies import attention, compiled_networks
+from outlast.training.policies import compiled_networks
 from outlast.training.policies.checkpoint import write_checkpoint
-from outlast.training.policies.networks import Extractor
-from outlast.training.policies.packer import Packer
 from outlast.training.policies.player import Player
-from outlast.training.policies.policy import ActorCritic, MultiCategorical
-from outlast.training.policies.rows import PaddedRows, concatenated
-from outlast.training.ppo.trainer import Trainer
-from outlast.training.runs.resume import capture
+from outlast.training.policies.policy import ActorCritic, Extractor, MultiCategorical
+from outlast.training.policies.rows import Packer, PaddedRows, concatenated
+from outlast.training.ppo.trainer import Trainer, capture
 from tests.conftest import draw_actions
 from tests.helpers.trainers import doubled
 
@@ -250,16 +247,16 @@ def test_what_no_extractor_can_be_is_refused() -> None:
 
 
 @pytest.mark.parametrize("agents", [0, 2, 130], ids=["no agent", "no row", "many"])
-@pytest.mark.parametrize("module", [attention, compiled_networks], ids=["attention", "networks"])
-def test_networks_in_compiled_code_are_those_of_pytorch(module: Any, agents: int, monkeypatch) -> None:
+@pytest.mark.parametrize("function", ["can_attend", "possible"], ids=["attention", "networks"])
+def test_networks_in_compiled_code_are_those_of_pytorch(function: str, agents: int, monkeypatch) -> None:
     """And so are their gradients, of several blocks of agents; or only attention is compiled."""
     layout, observations, own = seen("teams_3", "fast")
     rows = Packer(layout, Form(False, False))(observations).select(torch.arange(agents) % 128)
     policy, found = make("fast", layout, own).float(), []
-    if module is attention:
+    if function == "can_attend":
         monkeypatch.setattr(compiled_networks, "possible", lambda *given: False)
-    for possible in (module.possible, lambda *given: False):
-        monkeypatch.setattr(module, "possible", possible)
+    for possible in (getattr(compiled_networks, function), lambda *given: False):
+        monkeypatch.setattr(compiled_networks, function, possible)
         logs, values, _ = policy(rows)
         loss = (logs.clamp(min=-9) * torch.arange(6.0)[:, None]).sum() + (values * torch.arange(1.0, 1 + agents)).sum()
         slopes = torch.autograd.grad(loss, list(policy.parameters()))
@@ -340,9 +337,9 @@ def test_rows_in_the_frame_of_the_agent_are_those_of_the_naive_form(name: str) -
 def test_a_policy_without_the_fields_that_turn_is_refused(tmp_path: Path) -> None:
     trainer = Trainer(TrainingConfig(variant("ffa_2"), "fast", worlds=1, rollout=16))
     files = capture(trainer, trainer.config.header())
-    header = json.loads(files[NAME])
+    header = json.loads(files[RUN_JSON])
     header["fields"]["own"]["heading"] = header["fields"]["own"].pop("angle")
-    write_checkpoint(tmp_path / "broken.zip", files | {NAME: json.dumps(header).encode()})
+    write_checkpoint(tmp_path / "broken.zip", files | {RUN_JSON: json.dumps(header).encode()})
     with pytest.raises(TrainingError, match="preset fast needs the fields x, y, vx, vy, angle of 'own'"):
         Player(tmp_path / "broken.zip")
 

@@ -20,8 +20,7 @@ from outlast.training.base.config import TrainingConfig
 from outlast.training.base.errors import TrainingError
 from outlast.training.policies.checkpoint import write_checkpoint
 from outlast.training.ppo.rollout import NOBODY
-from outlast.training.ppo.trainer import Trainer
-from outlast.training.runs.resume import capture
+from outlast.training.ppo.trainer import Trainer, capture
 from tests.helpers.execution_modes import short
 from tests.helpers.trainers import weights
 

@@ -21,14 +21,12 @@ from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.training.base import policy_file
 from outlast.training.base.config import TrainingConfig, parse_warm_start
 from outlast.training.base.errors import TrainingError
-from outlast.training.base.noise import EpisodeNoise
+from outlast.training.base.policy_file import RUN_JSON
 from outlast.training.base.presets import PRESETS, preset
-from outlast.training.base.run_header import NAME
 from outlast.training.policies import checkpoint
-from outlast.training.policies.player import Player
+from outlast.training.policies.player import EpisodeNoise, Player
 from outlast.training.ppo.trainer import Trainer
-from outlast.training.runs import resume
-from outlast.training.runs.episode import recorded_scenario
+from outlast.training.runs.film import recorded_scenario
 from tests.conftest import run
 from tests.helpers.added_fields import Stamina
 from tests.helpers.checkpoints import KEPT
@@ -41,7 +39,7 @@ def saved(path: Path, chosen: str = "original") -> Trainer:
     trainer = Trainer(TrainingConfig(variant("teams_3"), chosen, worlds=4, rollout=256))
     generator = torch.Generator().manual_seed(0)  # of its own, so that the order of tests does not matter
     torch.nn.init.normal_(trainer.policies[0].actor.last.weight, std=0.02, generator=generator)
-    checkpoint.write_checkpoint(path, resume.capture(trainer, {}))
+    checkpoint.write_checkpoint(path, trainer.capture(trainer, {}))
     return trainer
 
 
@@ -131,16 +129,16 @@ def test_every_kept_policy_plays(path: Path) -> None:
 def test_scales_are_those_of_the_file(tmp_path: Path) -> None:
     trainer = saved(tmp_path / "a.zip", "scaled")
     files = checkpoint.read_checkpoint(tmp_path / "a.zip")
-    header = json.loads(files[NAME])
+    header = json.loads(files[RUN_JSON])
     scale = trainer.policies[0].extractors[0].own_scale.clone()
     where = list(header["fields"]["own"]).index("health")
     assert scale[where] == np.float32(1 / 100)
     header["fields"]["own"]["health"][1] = 50.0
     scale[where] = 1 / 50
-    files |= {NAME: json.dumps(header).encode()}
+    files |= {RUN_JSON: json.dumps(header).encode()}
     checkpoint.write_checkpoint(tmp_path / "b.zip", files)
     assert torch.equal(Player(tmp_path / "b.zip").policies[0].extractors[0].own_scale, scale)
-    resume.restore(trainer, files)
+    trainer.restore(trainer, files)
     assert all(torch.equal(extractor.own_scale, scale) for extractor in trainer.policies[0].extractors)
 
 
@@ -165,7 +163,7 @@ def test_what_does_not_fit_is_a_sentence(tmp_path: Path) -> None:
         gymnasium.make("outlast/Teams-v1", scenario="teams_3", cameras_mode="omniscient", others=tmp_path / "b.zip")
     # rows of the same length, but of other numbers
     trainer = Trainer(TrainingConfig(variant("ffa_1").replace(n_agents=4).with_(Stamina()), worlds=4, rollout=256))
-    checkpoint.write_checkpoint(tmp_path / "a.zip", resume.capture(trainer, {}))
+    checkpoint.write_checkpoint(tmp_path / "a.zip", trainer.capture(trainer, {}))
     player, team = Player(tmp_path / "a.zip"), preset("original").scenario(variant("teams_1").without("boxes"))
     player.check(trainer.env)
     with pytest.raises(TrainingError, match=r"a\.zip: .* rows 'own' of id, health, .*stamina; here they are id, team"):
@@ -223,7 +221,7 @@ def places(request: pytest.FixtureRequest, tmp_path: Path) -> dict[str, Path]:
         torch.nn.init.normal_(weight, std=0.1, generator=generator)
         weight.data.copy_(weight.data.half())
     found = {name: tmp_path / f"{name}.safetensors" for name in ("whole", "acting")} | {"zip": tmp_path / "a.zip"}
-    checkpoint.write_checkpoint(found["zip"], resume.capture(trainer, trainer.config.header()))
+    checkpoint.write_checkpoint(found["zip"], trainer.capture(trainer, trainer.config.header()))
     header, (weights,) = checkpoint.read_policies(found["zip"])
     own = {name: values.numpy() for name, values in weights.items()}
     policy_file.write(found["whole"], header, [own])
@@ -296,7 +294,7 @@ def explained_policy(path: Path, preset: str = "original", **options: Any) -> Pa
         torch.nn.init.normal_(own.actor.last.weight, std=0.3)
         for extractor in own.extractors:
             torch.nn.init.normal_(extractor.attention.in_proj_weight, std=0.5)
-    checkpoint.write_checkpoint(path, resume.capture(trainer, trainer.config.header()))
+    checkpoint.write_checkpoint(path, trainer.capture(trainer, trainer.config.header()))
     return path
 
 

@@ -11,9 +11,9 @@ import torch
 
 from outlast import make_vec, variant
 from outlast.ecs import Entity
-from outlast.training.base import hyperparameters
+from outlast.training.base import presets
 from outlast.training.base.config import TrainingConfig
-from outlast.training.base.hyperparameters import Hyperparameters
+from outlast.training.base.presets import Hyperparameters
 from outlast.training.ppo import learner
 from outlast.training.ppo.learner import Adam, explained_variance
 from outlast.training.ppo.rollout import RewardScale
@@ -311,7 +311,7 @@ def updated(**settings: Any) -> Any:
 
 @pytest.mark.parametrize("name", OTHERS)
 def test_every_number_that_can_be_set_changes_an_update(name: str) -> None:
-    changed, same = (hyperparameters.parse_hyperparameters([text]) for text in (f"{name}={OTHERS[name]}", "ent_coef=0"))
+    changed, same = (presets.parse_hyperparameters([text]) for text in (f"{name}={OTHERS[name]}", "ent_coef=0"))
     assert torch.equal(updated(), updated(**same))
     assert not torch.equal(updated(), updated(**changed))
 
@@ -337,16 +337,16 @@ def test_every_number_that_can_be_set_changes_an_update(name: str) -> None:
 )
 def test_what_cannot_be_is_refused(given: Any, message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        make(**given) if isinstance(given, dict) else hyperparameters.parse_hyperparameters(given.split())
+        make(**given) if isinstance(given, dict) else presets.parse_hyperparameters(given.split())
 
 
 def test_numbers_of_ppo() -> None:
-    parsed = hyperparameters.parse_hyperparameters(["batch_size=1e4", "n_epochs=3"])
+    parsed = presets.parse_hyperparameters(["batch_size=1e4", "n_epochs=3"])
     config = TrainingConfig(SHORT, steps=1e3, settings={"batch_size": 64.0})  # type: ignore[arg-type]
     found = parsed["batch_size"], parsed["n_epochs"], config.steps, config.numbers.batch_size
     assert found == (10_000, 3, 1000, 64)
     assert {type(number) for number in found} == {int}
-    assert hyperparameters.KINDS.keys() == OTHERS.keys()
+    assert presets.KINDS.keys() == OTHERS.keys()
     assert TrainingConfig(SHORT, "original").numbers == Hyperparameters()
     assert torch.equal(updated(anneal_lr=True, learning_rate=2e-4), updated(learning_rate=1e-4))
 

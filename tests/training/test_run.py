@@ -26,8 +26,8 @@ from outlast.envs.rollout.saved import CHECKPOINT, common_scenario, newest
 from outlast.envs.storage.folder_lock import FolderLock, is_lock
 from outlast.envs.storage.interrupts import interrupts_held
 from outlast.training.base.config import TrainingConfig
+from outlast.training.base.curves import last_step, read_log
 from outlast.training.base.errors import TrainingError
-from outlast.training.base.log_file import last_step, read_log
 from outlast.training.policies import checkpoint
 from outlast.training.runs import run as runs
 from outlast.training.runs.run import TrainingRun

@@ -23,9 +23,9 @@ from outlast.envs.errors import UsageError
 from outlast.envs.rollout.saved import CHECKPOINT
 from outlast.training.base.config import RunOptions, TrainingConfig
 from outlast.training.base.errors import TrainingError
+from outlast.training.base.quantities import LiveView
 from outlast.training.cli import train
 from outlast.training.runs.child_runs import ChildRun, side_by_side
-from outlast.training.runs.live_view import LiveView
 from tests import options
 from tests.helpers.child_processes import children, lives, until
 from tests.helpers.runs import assert_same, names, outlast_train, points

@@ -14,8 +14,7 @@ from outlast.envs.rollout.saved import CHECKPOINT
 from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.envs.scenarios.hide_and_seek import HIDE_SMALL
 from outlast.envs.scenarios.transfer import BLUEPRINT
-from outlast.training.base.annealing import parse_anneal
-from outlast.training.base.config import IMITATED, TrainingConfig, parse_warm_start
+from outlast.training.base.config import IMITATED, TrainingConfig, parse_anneal, parse_warm_start
 from outlast.training.base.errors import TrainingError
 from outlast.training.policies import checkpoint
 from outlast.training.ppo.trainer import IMITATION, Trainer

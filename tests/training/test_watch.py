@@ -31,15 +31,13 @@ from outlast.envs.rendering import video
 from outlast.envs.rollout.saved import CHECKPOINT
 from outlast.envs.scenarios.fingerprint import classes, difference, fingerprint
 from outlast.training.base import policy_file
+from outlast.training.base.curves import HEADING, read_log
 from outlast.training.base.errors import TrainingError
-from outlast.training.base.log_file import HEADER, read_log
-from outlast.training.base.quantities import GROUPS, Figure, headline
+from outlast.training.base.quantities import GROUPS, Figure, LiveView, headline
 from outlast.training.cli import watch as command
 from outlast.training.runs import film, watch
-from outlast.training.runs.episode import episode, recorded_scenario
-from outlast.training.runs.film import film_checkpoint
-from outlast.training.runs.live_view import LiveView
-from outlast.training.runs.logs import RunLog
+from outlast.training.runs.film import episode, film_checkpoint, recorded_scenario
+from outlast.training.runs.run import RunLog
 from outlast.training.runs.watch import RunWatcher, figures
 from tests.conftest import call
 from tests.helpers.checkpoints import KEPT, as_checkpoint
@@ -217,7 +215,7 @@ def until(watcher: RunWatcher, condition: Callable[[Any], bool]) -> Any:
 
 def log(folder: Path, *rows: tuple[str, int, float]) -> Path:
     path = folder / "log.csv"
-    path.write_text("\n".join([",".join(HEADER), *(f"{tag},{step},{value}" for tag, step, value in rows), ""]))
+    path.write_text("\n".join([",".join(HEADING), *(f"{tag},{step},{value}" for tag, step, value in rows), ""]))
     return path
 
 
@@ -314,7 +312,7 @@ def test_a_log_is_waited_for_and_read_again_when_it_has_changed(folder: Path, mo
     path.unlink()
     RunLog(folder, 0).close()
     assert path.read_text() == "tag,step,value\n"  # while the run collects its first rollout
-    monkeypatch.setattr(watch.log_file, "read_log", lambda path: reads.append(path) or read_log(path))
+    monkeypatch.setattr(watch.curves, "read_log", lambda path: reads.append(path) or read_log(path))
     log(folder, ("rollout/steps", 10, 100.0))
     texts = [watcher.status()["figures"][0]["text"] for _ in range(3)]
     log(folder, ("rollout/steps", 10, 100.0), ("rollout/steps", 20, 200.0))

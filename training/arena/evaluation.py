@@ -27,7 +27,7 @@ from ..base.config import EvaluationOptions
 from ..base.errors import TrainingError
 from ..base.files import check_out, check_results, read_text, write_files
 from ..base.metrics import check_statistics
-from ..base.tables import csv_text, with_error
+from ..base.quantities import csv_text, with_error
 from .films import films, recording_of
 from .groups import Groups, group_policies, rate_groups
 from .match import Estimates, Match, Pairing

@@ -17,9 +17,9 @@ from ..base.config import PAST, SELF
 from ..base.errors import TrainingError
 from ..base.presets import Form
 from ..policies.checkpoint import REST, check_state, load_weights
-from ..policies.packer import Packer
 from ..policies.player import Player
 from ..policies.policy import Networks
+from ..policies.rows import Packer
 from .ratings import MEAN
 
 Array = np.ndarray[Any, Any]

@@ -16,8 +16,7 @@ from outlast.envs.rollout.policies import POLICIES, Policy
 from outlast.envs.rollout.saved import SAVED_AS, is_saved, models, newest, runs_in, similar, text_of
 
 from ..base.errors import TrainingError
-from ..base.noise import EpisodeNoise
-from ..policies.player import Player
+from ..policies.player import EpisodeNoise, Player
 from .match import Act, AgentIndices
 
 Given = str | Path | Policy  # a name of POLICIES, a checkpoint, a folder of a run or around several, or a function

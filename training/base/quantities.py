@@ -1,12 +1,17 @@
 """Columns of evaluations and training logs, with unit and meaning; and the main figures of a running training."""
 
+import csv
+import io
 import math
 import re
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any, TextIO
 
-from outlast.envs.progress import large
+from outlast.envs.progress import Progress, large
+
+from .statistics import interval
 
 SUMMED = ("kills",)  # over the sides of an episode, where one number is shown; all others with several are averaged
 
@@ -137,3 +142,138 @@ def headline(tags: Mapping[str, float]) -> list[Figure]:
     if OWN in finite:
         found.append(Figure("wins", "own Elo", finite[OWN], f"{finite[OWN]:.0f}"))
     return sorted(found, key=lambda figure: GROUPS.index(figure.group))
+
+
+ENDS = "ends.csv"  # the file of end values, beside a figure
+NONE = "–"  # for values that cannot be measured, such as the distance to mates in a game without them
+
+
+def number(value: float) -> str:
+    """Format a number with its meaningful digits."""
+    return f"{value:,.{decimals(value)}f}"
+
+
+def digits(value: float) -> str:
+    """Format a number with six significant digits, for a file; "" for NaN."""
+    return "" if math.isnan(value) else f"{value:.6g}"
+
+
+def spread(values: Sequence[float]) -> str:
+    """Format the 95 % bootstrap interval of a mean over runs, see statistics.interval; "" for a single run."""
+    ends = interval(values)
+    return "" if ends is None else f"{number(ends[0])} to {number(ends[1])}"
+
+
+def with_spread(values: Sequence[float]) -> str:
+    """Return the mean over runs, and its interval: "653 (594 to 713)"."""
+    mean, ends = number(sum(values) / len(values)), spread(values)
+    return f"{mean} ({ends})" if ends else mean
+
+
+def with_error(mean: float, error: float) -> str:
+    """Write a mean and its standard error, to the error's second digit: "0.512 ± 0.025"."""
+    if math.isnan(mean):
+        return "-"
+    if math.isnan(error):  # it was measured in one episode only
+        return f"{mean:.2f} ± -"
+    if not error:  # all episodes were alike
+        return f"{mean:.2f}"
+    digits = min(max(1 - math.floor(math.log10(error)), 0), 4)
+    return f"{mean:.{digits}f} ± {error:.{digits}f}"
+
+
+def pivot(rows: Sequence[Sequence[str]], down: int, across: int) -> tuple[list[str], list[list[str]]]:
+    """Return the heads and the lines of a table of means and errors, by two cells of each row.
+
+    rows: The last two cells are the mean and its error, as text. down, across: Which cells begin a line, and which are
+    the heads of the columns; if these are the same names, they come in the same order.
+    """
+    names, heads = (list(dict.fromkeys(row[k] for row in rows)) for k in (down, across))
+    heads = names if {*names} == {*heads} else heads
+    cells = {(row[down], row[across]): with_error(*(float(cell or "nan") for cell in row[-2:])) for row in rows}
+    return heads, [[name, *(cells.get((name, head), "") for head in heads)] for name in names]
+
+
+def decimals(value: float) -> int:
+    """Return the number of digits after the decimal point."""
+    return sum(abs(value) < bound for bound in (100, 10, 1))
+
+
+def markdown_table(heads: Sequence[str], lines: Iterable[list[str]]) -> str:
+    """Write a table in Markdown, with numbers aligned right and without empty columns."""
+    table = list(lines)
+    kept = [k for k in range(len(heads)) if k == 0 or any(line[k] for line in table)]
+    every = [list(heads), ["---", *["---:"] * (len(heads) - 1)], *table]
+    return "\n".join("| " + " | ".join(line[k].replace("|", r"\|") for k in kept) + " |" for line in every)
+
+
+def csv_text(heads: Iterable[Any], rows: Iterable[Iterable[Any]]) -> str:
+    """Write a table as CSV, with a line feed after each row."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([heads, *rows])
+    return text.getvalue()
+
+
+NAME = max(map(len, GROUPS)) + 2  # width of the name of a line, in characters
+BETWEEN = " · "  # separator of figures
+
+
+class LiveView(Progress):
+    """The progress of a run with its figures, in a line for each group of them (see `headline`).
+
+    Lines are shortened to the terminal's width. Numbers that are missing in an update keep their values.
+
+    >>> view = LiveView(done=0, total=10_000_000)
+    >>> view.now("collecting")
+    >>> view.update(16_384, 10_000_000, {"rollout/steps": 812.0, "wins/scripted": 0.12})
+    >>> view.close()
+    """
+
+    def __init__(
+        self,
+        done: int,
+        total: int,
+        *,
+        quiet: bool = False,
+        file: TextIO | None = None,
+        about: str = "",
+        unit: str = "agent-steps",
+    ) -> None:
+        """Show the beginning of the run, with `done` of `total` agent-steps, or of another unit; see Progress."""
+        self.tags = dict[str, float]()
+        super().__init__(total, unit, done=done, quiet=quiet, file=file, about=about)
+
+    def update(self, done: int, total: int, shown: Mapping[str, float]) -> None:
+        """Show the progress of the run, and its numbers.
+
+        done: Agent-steps done, including earlier ones. total: Agent-steps at the end. shown: Values by tag, as they are
+        logged; may include tags that are never shown.
+        """
+        self.tags |= shown
+        self.show(done, total)
+        if self.bar is not None:
+            self.bar.refresh()
+
+    def below(self, columns: int) -> list[str]:
+        """Return the line of each group of figures, of at most `columns` characters."""
+        return [fitted(name, figures, columns) for name, figures in self._groups()]
+
+    def beside(self) -> list[str]:
+        """Return the figures of each group, for the line of a log."""
+        return [f"{name}: {', '.join(f'{each.name} {each.text}' for each in own)}" for name, own in self._groups()]
+
+    def _groups(self) -> list[tuple[str, list[Figure]]]:
+        figures = headline(self.tags)
+        groups = [(group, [figure for figure in figures if figure.group == group]) for group in GROUPS]
+        return [(name, members) for name, members in groups if members]
+
+
+def fitted(name: str, figures: Sequence[Figure], width: int) -> str:
+    """Return a line of the figures that fit into `width` characters, at least a part of the first one."""
+    text = name.ljust(NAME)
+    for k, figure in enumerate(figures):
+        more = f"{BETWEEN if k else ''}{figure.name} {figure.text}"
+        if k and len(text) + len(more) > width:
+            break
+        text += more
+    return text[: max(0, width)]

@@ -21,7 +21,7 @@ from outlast.envs.rollout.saved import checkpoints, is_saved, steps_of
 from outlast.envs.storage.folder_lock import FolderLock
 
 from ..arena.players import Contender
-from ..base import log_file, policy_file
+from ..base import curves, policy_file
 from ..base.config import FAST, IMITATED, OPPONENTS, TrainingConfig, parse_warm_start
 from ..base.config import SELF as OWN
 from ..base.errors import TrainingError
@@ -193,7 +193,7 @@ class Entry:
         runs = {TRAINING: training} | {RESPONDING + kind: int(steps) for kind, steps in map(str.split, self.responses)}
         each = 800 * int(self.task.scenario.numbers()["agents_count"])
         games = {pairing.file: each * self.games(pairing) for pairing in self.planned}
-        done = sum(log_file.last_step(self.folder / name / log_file.NAME) for name in runs)
+        done = sum(curves.last_step(self.folder / name / curves.LOG) for name in runs)
         done += sum(games.get(path.name, 0) for path in self.folder.glob(f"*{SUFFIX}"))
         rest = sum((*runs.values(), *games.values())) - training
         return done, training + rest, training / (RATE if self.agent.source == FAST else SLOW) + rest / RATE

@@ -23,7 +23,7 @@ from outlast.envs.storage.kept_results import RESULTS, kept_file
 
 from ..arena.evaluation import Evaluation
 from ..arena.players import Contender, labels
-from ..base import policy_file, run_header
+from ..base import policy_file
 from ..base.errors import TrainingError
 from ..policies.player import Player, weights_of
 from .games import digest
@@ -37,7 +37,7 @@ OWN = ("steps", "plan", "scenario")  # parts of run.json that differ between anc
 MEMBER = {"name": is_word, "elo": is_finite, "error": is_finite}
 SUITE = {"version": PROTOCOL, "fingerprint": is_fingerprint, "members": [MEMBER]}
 Weights = dict[str, np.ndarray[Any, Any]]
-Anchor = tuple[run_header.Header, list[Weights]]  # run.json, and the weights of each of its policies
+Anchor = tuple[policy_file.Header, list[Weights]]  # run.json, and the weights of each of its policies
 
 
 @dataclass(frozen=True)
@@ -58,8 +58,8 @@ class SuiteOpponent:
         if self.anchor is None:
             return Contender(self.name, self.name)
         header, weights = self.anchor
-        content = {run_header.NAME: json.dumps(header).encode()}
-        content[run_header.WEIGHTS] = policy_file.weights_content(weights)
+        content = {policy_file.RUN_JSON: json.dumps(header).encode()}
+        content[policy_file.WEIGHTS] = policy_file.weights_content(weights)
         found = Contender(self.name, Player(content))
         found.text = self.name
         return found
@@ -109,10 +109,10 @@ def suite(task: Task) -> Suite:
 def _read(task: Task, place: Path, changed: int) -> Suite:
     """Return the suite in a file, which is read again when it has changed."""
     header, policies = policy_file.read(place)
-    rated, own = header.pop(RATED, None), dict[str, run_header.Header]()
+    rated, own = header.pop(RATED, None), dict[str, policy_file.Header]()
     try:
         own = {each["name"]: {key: each[key] for key in OWN} for each in rated["members"] if "plan" in each}
-        wrong = fault(rated, SUITE) or fault([*own.values()], [{key: run_header.VALIDATORS[key] for key in OWN}])
+        wrong = fault(rated, SUITE) or fault([*own.values()], [{key: policy_file.VALIDATORS[key] for key in OWN}])
     except strict_json.BROKEN as error:
         wrong = f"{type(error).__name__}: {error}"
     if not wrong and any(len(values) != len(own) for weights in policies for values in weights.values()):

@@ -10,7 +10,7 @@ from typing import Any
 
 from ..base.errors import TrainingError
 from ..base.files import write_files
-from ..base.tables import csv_text, markdown_table
+from ..base.quantities import csv_text, markdown_table
 from . import people, scores
 from .marl_eval import ABSOLUTE, marl_eval_json
 from .result import SELF

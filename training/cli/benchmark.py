@@ -19,9 +19,9 @@ from outlast.envs.text_table import terminal_width, text_table
 from ..base.config import TrainingConfig
 from ..base.errors import TrainingError
 from ..base.files import check_out
+from ..base.quantities import LiveView
 from ..benchmark.tasks import BUDGETS, GAMES, RESPONSES, task_of, tasks
 from ..runs.child_runs import MAIN, ChildRun, side_by_side
-from ..runs.live_view import LiveView
 
 RESULTS = Path("benchmark")
 AGAIN = "stopped: run the same command again to continue"

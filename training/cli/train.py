@@ -21,9 +21,9 @@ from ..base import config as known
 from ..base.config import SELF, RunOptions, TrainingConfig
 from ..base.errors import TrainingError
 from ..base.files import check_out
-from ..base.hyperparameters import KINDS
+from ..base.presets import KINDS
+from ..base.quantities import LiveView
 from ..runs.child_runs import RESUME, ChildRun, side_by_side
-from ..runs.live_view import LiveView
 
 # options that differ between several runs
 OWN = ("variant", "seed", "sweep", "out", "resume", "quiet", "jobs", "save_scenario")

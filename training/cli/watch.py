@@ -10,7 +10,7 @@ from outlast.envs.api.options import PageOptions
 from outlast.envs.cli.options import add_import, add_options, import_files, printable
 from outlast.envs.errors import needed
 
-from ..base import run_header
+from ..base import policy_file
 from ..base.errors import TrainingError
 
 LISTED = 5  # runs listed in a message
@@ -65,8 +65,8 @@ def _run_in(folder: Path) -> Path:
     """Return the folder, or the only run in it. TrainingError if it has several. A run may lack a checkpoint yet."""
     if not folder.is_dir():
         raise TrainingError(f"folder {folder} does not exist: give the folder that `outlast train` printed")
-    if not (folder / run_header.NAME).exists() and not any(folder.glob("*.zip")):
-        runs = sorted(path.parent for path in folder.glob(f"*/{run_header.NAME}"))
+    if not (folder / policy_file.RUN_JSON).exists() and not any(folder.glob("*.zip")):
+        runs = sorted(path.parent for path in folder.glob(f"*/{policy_file.RUN_JSON}"))
         if len(runs) == 1:
             return runs[0]
         if runs:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ..base.curves import end_value, interval
-from ..base.tables import csv_text, digits, markdown_table, number
+from ..base.quantities import csv_text, digits, markdown_table, number
 from .groups import RunGroup, common, unnamed
 from .panels import Panel, drawn
 from .runs import PRESET, SCENARIO, Run

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from outlast.ecs.kernels.errors import did_you_mean
 
 from ..base.errors import TrainingError
-from ..base.hyperparameters import Hyperparameters
+from ..base.presets import Hyperparameters
 from .runs import ABSENT, PRESET, SCENARIO, Run, shown
 
 SEED = "seed"

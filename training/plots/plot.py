@@ -9,7 +9,7 @@ from outlast.envs.errors import needed
 
 from ..base.errors import TrainingError
 from ..base.files import write_files
-from ..base.tables import ENDS
+from ..base.quantities import ENDS
 from .comparison import AXES, Comparison
 from .groups import group_runs
 from .panels import chosen, hours

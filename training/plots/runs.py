@@ -14,7 +14,7 @@ from outlast.envs.errors import ScenarioError
 from outlast.envs.scenarios.fingerprint import fingerprint, is_fingerprint
 from outlast.envs.scenarios.variants import base, variant
 
-from ..base import log_file, run_header
+from ..base import curves, policy_file
 from ..base.config import HOW, SELF, TrainingConfig
 from ..base.curves import FILE, NEEDED, Curves, Described, curves_of_log, is_known, read_curves
 from ..base.errors import EmptyRunError, TrainingError
@@ -25,7 +25,7 @@ USUAL = {
     each.name: each.default for each in fields(TrainingConfig) if each.default is not MISSING
 }  # values for plans of earlier versions, which lack them
 SCENARIO, PRESET = "scenario", "preset"
-RUN_FILES = (log_file.NAME, run_header.NAME)  # files that identify the folder of a run
+RUN_FILES = (curves.LOG, policy_file.RUN_JSON)  # files that identify the folder of a run
 ABSENT = "not there"  # in place of a number that a game lacks
 BEYOND = {
     "varied": "numbers that vary",
@@ -91,8 +91,8 @@ def load(places: Iterable[Path]) -> list[Run]:
     for path in dict.fromkeys(path for place in places for path in _found(place)):
         try:
             if path.is_dir():
-                header = run_header.read_run_folder(path)
-                found.append(run_of(path, header, curves_of_log(path / log_file.NAME, is_known)))
+                header = policy_file.read_run_folder(path)
+                found.append(run_of(path, header, curves_of_log(path / curves.LOG, is_known)))
             else:
                 found.append(read_kept(path))
         except EmptyRunError as error:
@@ -115,7 +115,7 @@ def _found(place: Path) -> list[Path]:
     runs = {path.parent for name in RUN_FILES for path in place.glob(f"*/{name}")}
     found = sorted([*(place / name for name in kept_runs(place)), *runs])
     if not found:
-        wanted = f"neither {log_file.NAME} nor {FILE} nor folders of runs"
+        wanted = f"neither {curves.LOG} nor {FILE} nor folders of runs"
         raise TrainingError(f"{place} does not hold runs: {wanted}")
     return found
 
@@ -135,11 +135,11 @@ def _kept_run(place: Path) -> Path:
     return place
 
 
-def run_of(origin: Path, header: run_header.Header, curves: Curves) -> Run:
+def run_of(origin: Path, header: policy_file.Header, curves: Curves) -> Run:
     """Return the run that a header describes, with its curves. Raises TrainingError if its plan is not valid."""
     scenario, plan = header["scenario"], header["plan"]
     _check_plan(origin, plan)
-    asked = plan.get("steps", header.get(run_header.ASKED))
+    asked = plan.get("steps", header.get(policy_file.ASKED))
     beyond = tuple(words for key, words in BEYOND.items() if scenario.get(key))
     return Run(origin, scenario["name"], _played(scenario), plan, curves, scenario.get("label", ""), asked, beyond)
 
@@ -169,7 +169,7 @@ def usual_numbers(name: str, of: str) -> dict[str, Any]:
 
 def _check_plan(origin: Path, plan: Any) -> None:
     """Raise TrainingError if it is not the plan of a run."""
-    if not run_header.is_plan(plan) or type(plan.get("seed")) is not int:
+    if not policy_file.is_plan(plan) or type(plan.get("seed")) is not int:
         raise TrainingError(f"{origin} does not hold a run: its plan is invalid")
     try:
         preset(plan.get(PRESET))

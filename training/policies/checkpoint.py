@@ -1,7 +1,7 @@
 """Checkpoints: one .zip file with everything that a run needs to continue as if it had never stopped.
 
 It contains policy.safetensors (see policy_file), rest.safetensors (the further state of a run: tensors, with all
-other values as JSON in the metadata), worlds.npz (see envs.snapshots), and run.json (see run_header), which describes
+other values as JSON in the metadata), worlds.npz (see envs.snapshots), and run.json (see policy_file), which describes
 the game and the settings of training. Nothing in it is executed.
 """
 
@@ -18,10 +18,10 @@ from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.storage import strict_json
 from outlast.envs.storage.atomic_write import atomic_write
 
-from ..base import policy_file, run_header
+from ..base import policy_file
 from ..base.errors import TrainingError
 from ..base.observation_layout import Array
-from ..base.run_header import WEIGHTS
+from ..base.policy_file import WEIGHTS
 from .policy import Networks
 
 REST = "rest.safetensors"
@@ -38,15 +38,15 @@ def write_checkpoint(path: Path, files: dict[str, bytes]) -> None:
 
 def read_checkpoint(path: Path, names: Collection[str] = (WEIGHTS, REST, WORLDS)) -> dict[str, bytes]:
     """Read files of a checkpoint. run.json is checked here, the others when they are used. Raises TrainingError."""
-    return run_header.read_checkpoint(path, names, run_header.NEEDED)[1]
+    return policy_file.read_checkpoint(path, names, policy_file.NEEDED)[1]
 
 
-def header_of(files: dict[str, bytes]) -> run_header.Header:
+def header_of(files: dict[str, bytes]) -> policy_file.Header:
     """Return run.json of a checkpoint, with an empty plan if it was not made by a run."""
-    return {"plan": {}, **run_header.parse_header(Path(run_header.NAME), files[run_header.NAME], ())}
+    return {"plan": {}, **policy_file.parse_header(Path(policy_file.RUN_JSON), files[policy_file.RUN_JSON], ())}
 
 
-def check_fields(header: run_header.Header, env: SurvivalVectorEnv) -> None:
+def check_fields(header: policy_file.Header, env: SurvivalVectorEnv) -> None:
     """Raise TrainingError if the fields of observations differ from those in training."""
     for key, fields in header["fields"].items():
         known, here = ", ".join(fields), ", ".join(env.fields.get(key, {}))
@@ -64,7 +64,7 @@ def policies_content(policies: Sequence[Mapping[str, Tensor]]) -> bytes:
     return policy_file.weights_content([{name: _as_array(values) for name, values in own.items()} for own in policies])
 
 
-def read_policies(path: Path) -> tuple[run_header.Header, list[dict[str, Tensor]]]:
+def read_policies(path: Path) -> tuple[policy_file.Header, list[dict[str, Tensor]]]:
     """Read a saved policy from a checkpoint or a file of weights. Raises TrainingError.
 
     Returns run.json, and the weights of each policy by name, unchecked.
@@ -112,7 +112,7 @@ def check_state(given: Any, like: Any, name: str = "") -> None:
     elif isinstance(like, dict) and isinstance(given, dict) and given.keys() == like.keys():
         for key, value in like.items():
             check_state(given[key], value, f"{name} {key}".strip())
-    elif not (like is None or (isinstance(like, int) and run_header.is_count(given)) or isinstance(like, str)):
+    elif not (like is None or (isinstance(like, int) and policy_file.is_count(given)) or isinstance(like, str)):
         raise TrainingError(f"{where} of the checkpoint does not fit the run")
 
 

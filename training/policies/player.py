@@ -5,33 +5,37 @@ import copy
 import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
+from outlast.ecs import Clock
 from outlast.envs.core.validation import check_count
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import needed
+from outlast.envs.rollout.policies import GOLDEN, hashed, mix64
 from outlast.envs.rollout.saved import REVEALED, cameras_mode, located
 from outlast.envs.scenarios.scenario import Scenario
 
 with needed("train", "saved policies need PyTorch"):
     import torch
+    from torch import Tensor
+    from torch.nn import functional
+    from torch.nn.utils.rnn import pad_sequence
 
-    from ..base import policy_file, run_header
+    from ..base import policy_file
     from . import checkpoint
 
 from ..base.errors import TrainingError
-from ..base.noise import EpisodeNoise
-from ..base.observation_layout import OWN, ObservationLayout, scales
+from ..base.observation_layout import MASK, OWN, ObservationLayout, scales
 from ..base.presets import Form, preset
-from .explainer import Answer, PolicyExplainer, Question
-from .packer import packers_of
-from .policy import ActorCritic, Networks, networks_named
-from .rows import Observed
-from .torch_settings import FLOAT, playing
+from .policy import NEVER, ActorCritic, Extractor, Networks, networks_named
+from .rows import Observed, Rows, packers_of
+from .torch_settings import FLOAT, INDEX, playing
 
 Array = np.ndarray[Any, Any]
+Answer = tuple[list[Array], Tensor | None]  # result of a policy: arrays (batch, ...), and its memory afterwards
+Question = Callable[[Networks, Observed, Tensor | None, Tensor | None], Answer]  # then memory, and where episodes begin
 
 
 class Player:
@@ -184,7 +188,7 @@ class Player:
             return torch.from_numpy(self._noise())
         return None if self.generator is None else torch.rand(shape, generator=self.generator, **FLOAT)
 
-    def explainer(self) -> PolicyExplainer:
+    def explainer(self) -> "PolicyExplainer":
         """Return an explainer of the policy, with a memory of its own; for outlast.record(policy=player)."""
         own = copy.copy(self)
         own._begins = own._remembered = None
@@ -302,7 +306,7 @@ def _differences(trained: dict[str, tuple[int, ...]], here: dict[str, tuple[int,
     return "; ".join(parts)
 
 
-def weights_of(path: Path, critic: bool = True) -> tuple[run_header.Header, list[dict[str, Array]]]:
+def weights_of(path: Path, critic: bool = True) -> tuple[policy_file.Header, list[dict[str, Array]]]:
     """Return run.json of a saved policy, and its weights by name, float32, for each policy if teams have several.
 
     critic: Whether to include the weights that only values need, if the file has them. Raises TrainingError: the
@@ -340,3 +344,138 @@ def load_policy(path: str | Path, seed: int | None = 0) -> Player:
     if seed is not None:
         check_count("seed", seed, 0, 2**64 - 1)
     return Player(path, seed)
+
+
+class PolicyExplainer:
+    """An explainer of a player's policy; created by `Player.explainer`.
+
+    entities: (key of the observation, rows) of each kind of entities in the attention.
+    """
+
+    def __init__(self, player: Any) -> None:
+        """player: A copy of a Player, with a memory of its own."""
+        self._player, self._layout, self.reset = player, player.layout, player.reset
+        self.entities = [(kind.key, kind.rows) for kind in self._layout.kinds]
+
+    def __call__(self, observations: dict[str, Array]) -> tuple[Array, Array, Array]:
+        """Explain the next action of each agent; memory advances by a step.
+
+        Returns:
+            Values float32 (..., agents), of the critic, in the units of its training; NaN without a critic, or with one
+            that learned from the state of the world. Probabilities float32 (..., agents, values), of each value of each
+            action, one action after the other. Attention float32 (..., agents, rows), the share of each row of
+            `entities`, averaged over heads and over the rows that attend; the sum is at most 1. It is 0 for the user's
+            own networks.
+        """
+        values, likely, attention, packed = self._player._ask(observations, self._explain)
+        if packed.any():
+            attention = np.where(packed[:, None], self._spread(attention, observations), attention)
+        leading = observations[OWN].shape[:-1]
+        return values.reshape(leading), likely.reshape(*leading, -1), attention.reshape(*leading, attention.shape[1])
+
+    def _explain(self, policy: Networks, seen: Observed, memory: Tensor | None, begins: Tensor | None) -> Answer:
+        if self._player.critic and not policy.state:
+            logs, values, after = policy(seen, memory, begins)
+        else:  # its critic is missing, or needs the state of the world, which play lacks
+            logs, after = policy.logs(seen, memory, begins)
+            values = torch.full((len(seen),), torch.nan, **FLOAT)
+        likely = torch.cat([logs[:size, k].exp() for k, size in enumerate(self._player.header["actions"])]).T
+        if isinstance(policy, ActorCritic):
+            attention = attended(cast(Extractor, policy.extractors[0]), seen)
+        else:
+            attention = torch.zeros((len(seen), self._layout.rows), **FLOAT)
+        packed = np.full(len(seen), isinstance(seen, Rows))
+        return [values.numpy(), likely.numpy(), attention.numpy(), packed], after
+
+    def _spread(self, packed: Array, observations: dict[str, Array]) -> Array:
+        """Return the attention of all rows, (batch, rows), from that of visible ones, which come first in `packed`."""
+        kinds = self._layout.kinds
+        masks = [observations[kind.key + MASK].reshape(len(packed), kind.rows) != 0 for kind in kinds]
+        visible = np.concatenate([*masks, np.zeros((len(packed), 0), bool)], 1)
+        spread = np.zeros(visible.shape, np.float32)
+        spread[visible] = packed[np.arange(visible.shape[1]) < visible.sum(1)[:, None]]
+        return spread
+
+
+def attended(extractor: Extractor, seen: Observed) -> Tensor:
+    """Return the attention to each row, (batch, rows), computed by torch.nn.MultiheadAttention itself.
+
+    With Rows, attention is to visible rows only: their shares come first, in order, and then zeros.
+    """
+    weight, bias = extractor.weight * extractor.scale, extractor.bias
+    if isinstance(seen, Rows):
+        embedded = extractor._active(seen.entities @ torch.cat([weight, bias]))
+        rows = pad_sequence(list(torch.split(embedded, seen.known.tolist())), batch_first=True)
+        visible = torch.arange(rows.shape[1], **INDEX) < seen.count[:, None]
+        shares = _shares(extractor, rows, visible, (~visible).float() * NEVER)
+        return functional.pad(shares, (0, extractor.layout.rows - rows.shape[1]))
+    matrices = torch.split(weight, [kind.features for kind in extractor.layout.kinds])
+    parts = zip(torch.split(seen.rows, [kind.rows for kind in extractor.layout.kinds], 1), matrices, bias, strict=True)
+    known = [torch.tanh(part[:, :, : len(matrix)] @ matrix + own) for part, matrix, own in parts]
+    padding = torch.zeros(len(seen), 1, weight.shape[1], **FLOAT)  # a row that all rows see, and attends like them
+    visible = functional.pad(seen.seen, (0, 1), value=1.0)
+    return _shares(extractor, torch.cat([*known, padding], 1), visible > 0, 1 - visible)[:, :-1]
+
+
+def _shares(extractor: Extractor, rows: Tensor, visible: Tensor, raised: Tensor) -> Tensor:
+    """Return the share of each row in the attention of visible rows: (batch, rows).
+
+    rows: embedded, (batch, rows, width). visible: bool (batch, rows). raised: added to logits, (batch, rows).
+    """
+    heads, count = extractor.preset.heads, rows.shape[1]
+    if not count:
+        return rows.new_zeros(len(rows), 0)
+    mask = raised[:, None, None].expand(-1, heads, count, -1).reshape(-1, count, count)
+    _, weights = extractor.attention(rows, rows, rows, attn_mask=mask)
+    shares = (weights * visible[:, :, None]).sum(1) / visible.sum(1, keepdim=True).clamp(min=1)
+    return cast(Tensor, shares)
+
+
+STREAM = 2  # separates them from other random numbers of the same seed
+
+
+class ActionNoise:
+    """Uniform numbers for every action of every agent: a function of (seed, step, world, agent, action).
+
+    A world is therefore played the same way in every batch, and a resumed run needs no saved state. Each agent has its
+    own SplitMix64 generator (Steele, Lea and Flood, OOPSLA 2014).
+    """
+
+    def __init__(self, seed: int, worlds: Array, agents: int, actions: int) -> None:
+        """Derive the key of each agent's numbers.
+
+        seed: Seed of the run. worlds: Numbers of the worlds, int (worlds,). agents: Number of agents of a world.
+        actions: Number of actions of an agent.
+        """
+        (key,) = np.random.SeedSequence([seed, STREAM]).generate_state(1, np.uint64)
+        world = mix64(key + worlds.astype(np.uint64))[:, None]
+        self._start = mix64(world + np.arange(agents, dtype=np.uint64)).reshape(-1, 1)
+        self._actions = actions
+
+    def __call__(self, step: int) -> Array:
+        """Return the numbers of a step, float32 (agents of all worlds, actions), from 0 to below 1."""
+        place = np.arange(step * self._actions, (step + 1) * self._actions, dtype=np.uint64)
+        return _uniform(mix64(self._start + place * GOLDEN))
+
+
+class EpisodeNoise:
+    """Uniform numbers for every action of some agents: a function of (seed, world, episode, tick, agent, action).
+
+    An episode that is repeated, or continued from a saved state, is therefore played the same way.
+    """
+
+    def __init__(self, env: SurvivalVectorEnv, agents: Any) -> None:
+        """Keep `env`, whose worlds are read at every call. agents: Indices of the agents, integers (agents,)."""
+        self._clock, self._agents = env.worlds[Clock], np.asarray(agents, np.uint64)[None]
+        self._actions = GOLDEN * np.arange(1, len(env.action_sizes) + 1, dtype=np.uint64)
+
+    def __call__(self) -> Array:
+        """Return the numbers of the next step, float32 (agents of all worlds, actions), from 0 to below 1."""
+        clock = self._clock
+        words = hashed(np.uint64(STREAM), clock.seed, clock.world, clock.episode, clock.tick, self._agents)
+        return _uniform(mix64(words.reshape(-1, 1) + self._actions))
+
+
+def _uniform(words: Array) -> Array:
+    """Turn uniform uint64 numbers into float32 of the same shape, from 0 to below 1."""
+    return (words >> np.uint64(40)).astype(np.float32) * np.float32(2**-24)

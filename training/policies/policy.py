@@ -1,11 +1,13 @@
 """Policy and value networks with several independent actions: their interface, and those of the presets."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 from typing import Any, cast
 
 import numpy as np
 import torch
 from torch import Tensor, nn
+from torch.autograd.function import once_differentiable
 from torch.nn import functional
 
 from outlast.envs.scenarios.mechanics import imported_code
@@ -15,12 +17,11 @@ from ..base.errors import TrainingError
 from ..base.observation_layout import ObservationLayout
 from ..base.presets import Preset
 from . import compiled_networks
-from .networks import Extractor, Memory, Tower, begin
-from .rows import Observed, Rows
+from .rows import Observed, PaddedRows, Rows
 from .torch_settings import FLOAT, INDEX, playing
 
 NEVER = -1e9  # a logit of probability 0; minus infinity gives NaN if all logits have it
-GAIN = 0.01  # of the initial weights of the action heads, as in Stable-Baselines3
+ACTOR_GAIN = 0.01  # of the initial weights of the action heads, as in Stable-Baselines3
 
 
 class MultiCategorical(nn.Module):
@@ -183,7 +184,7 @@ class ActorCritic(Networks):
         self.apart = not (preset.shared or memory)
         self.recurrent = Memory(inputs, memory) if memory else None
         self.overview = begin(nn.Linear(state, preset.hidden, **FLOAT)) if state else None
-        self.actor = Tower(preset, inputs + memory, sum(sizes), GAIN)
+        self.actor = Tower(preset, inputs + memory, sum(sizes), ACTOR_GAIN)
         self.critic = Tower(preset, inputs + memory + (preset.hidden if state else 0), 1, 1.0)
         self.plan = compiled_networks.plan(self) if type(self) is ActorCritic else None  # subclasses may differ
 
@@ -287,3 +288,249 @@ def check_outputs(networks: Networks, seen: Observed) -> None:
             raise TrainingError(
                 f"forward of {name} does not return log probabilities: take self.choices.log_softmax(logits)"
             )
+
+
+ACTIVATIONS = {"tanh": torch.tanh_, "relu": torch.relu_}  # in place
+GAIN = math.sqrt(2)  # of orthogonal initial weights, as in Stable-Baselines3
+
+
+class Extractor(nn.Module):
+    """A network from observations to features (batch, 2 * width): half from their own numbers, half from entities."""
+
+    own_scale: Tensor
+    scale: Tensor
+
+    def __init__(self, layout: ObservationLayout, preset: Preset, scales: tuple[Any, Any]) -> None:
+        super().__init__()
+        if preset.leaky and preset.activation != "tanh":
+            raise ValueError(f"preset '{preset.name}': with leaky, the activation must be tanh, as in attend")
+        self.layout, self.preset, width = layout, preset, preset.width
+        self.own = nn.Linear(layout.own, width, **FLOAT)
+        widths = [kind.features for kind in layout.kinds]
+        self.weight = nn.Parameter(torch.empty(sum(widths), width, **FLOAT))  # of all kinds, stacked
+        self.bias = nn.Parameter(torch.zeros(len(widths), width, **FLOAT))
+        self.attention = nn.MultiheadAttention(width, preset.heads, batch_first=True, **FLOAT)  # for its parameters
+        self.register_buffer("own_scale", torch.ones(layout.own, **FLOAT), persistent=False)
+        self.register_buffer("scale", torch.ones(sum(widths), 1, **FLOAT), persistent=False)
+        self.set_scales(scales)
+        for part in torch.split(self.weight.data, widths):  # as if each kind had a layer of its own
+            part.copy_(nn.init.orthogonal_(torch.empty(part.shape[1], part.shape[0], **FLOAT), GAIN).T)
+        for layer in (self.own, self.attention.out_proj):
+            begin(layer)
+
+    def set_scales(self, scales: tuple[Any, Any]) -> None:
+        """Set the factors of inputs, if the preset scales them: see observation_layout.scales."""
+        if self.preset.scaled:
+            own, kinds = (torch.as_tensor(each, **FLOAT) for each in scales)
+            self.own_scale.copy_(own)
+            self.scale.copy_(kinds[:, None])
+
+    def forward(self, seen: Observed) -> Tensor:
+        """Turn the observations of a batch of agents into features, float32 (batch, 2 * width)."""
+        own = functional.linear(seen.own, self.own.weight * self.own_scale, self.own.bias)
+        if isinstance(seen, Rows):
+            entities = self._attend_seen(seen)
+        else:
+            entities = attend(seen, self.weight * self.scale, self.bias, self.attention)
+        return torch.cat([self._active(own), entities], 1)
+
+    def _attend_seen(self, seen: Rows) -> Tensor:
+        """Return the average output of attention over each agent's rows, (batch, width); 0 for an agent without rows.
+
+        Attention is over the pairs of rows of one agent, in one flat list over the batch, query after query.
+        """
+        embedded = self._active(seen.entities @ torch.cat([self.weight * self.scale, self.bias]))
+        rows = functional.linear(embedded, self.attention.in_proj_weight, self.attention.in_proj_bias)
+        mean = self._attended(seen, rows)
+        out = self.attention.out_proj
+        return torch.addmm((seen.count > 0)[:, None] * out.bias, mean, out.weight.T)
+
+    def _attended(self, seen: Rows, each: Tensor) -> Tensor:
+        """Average attention over the rows of each agent. each: float32 (rows, 3 * width), query, key and value."""
+        if seen.room is None and compiled_networks.can_attend(each, self.preset.heads):
+            return cast(Tensor, compiled_networks.Means.apply(each, seen.known))  # type: ignore[no-untyped-call]
+        width, heads, batch, rows = self.preset.width, self.preset.heads, len(seen), len(seen.entities)
+        query, key = seen.pairs
+        queries, keys, values = each.chunk(3, 1)
+        logits = queries.index_select(0, query) * keys.index_select(0, key)
+        logits = logits.view(len(query), heads, width // heads).sum(2) * (width // heads) ** -0.5
+        with torch.no_grad():  # so that exp cannot overflow
+            highest = torch.segment_reduce(logits, "max", lengths=seen.each, unsafe=True)
+        weights = (logits - highest.index_select(0, query)).exp()
+        total = weights.new_zeros(rows, heads).index_add(0, query, weights)
+        weights = weights / total.index_select(0, query)
+        weights = weights.new_zeros(rows, heads).index_add(0, key, weights)  # of each row, summed over queries
+        values = (values.reshape(rows, heads, width // heads) * weights[:, :, None]).view(rows, width)
+        sums = values.new_zeros(seen.owners, width).index_add(0, seen.agent, values)[:batch]
+        return sums / seen.count.clamp(min=1)[:, None]
+
+    def _active(self, values: Tensor) -> Tensor:
+        return ACTIVATIONS[self.preset.activation](values)
+
+
+class Memory(nn.GRUCell):
+    """Memory of the features of earlier steps (Cho et al., arXiv:1406.1078)."""
+
+    def __init__(self, features: int, width: int) -> None:
+        """Create a memory of `width` numbers for `features` in a step."""
+        super().__init__(features, width, **FLOAT)
+        for weight in (self.weight_ih, self.weight_hh):
+            for gate in weight.data.chunk(3):
+                nn.init.orthogonal_(gate)
+        for bias in (self.bias_ih, self.bias_hh):
+            nn.init.zeros_(bias)
+
+    def through(self, features: Tensor, memory: Tensor, begins: Tensor) -> tuple[Tensor, Tensor]:
+        """Return the memory after each step (steps * agents, width), and after the last one (agents, width).
+
+        features: float32 (steps * agents, features), step after step. memory: float32 (agents, width), before the first
+        step. begins: bool (steps, agents), whether an agent's memory is reset to 0 before the step.
+        """
+        after, kept = [], (~begins).to(features.dtype)[:, :, None]
+        for now, goes_on in zip(features.view(*begins.shape, features.shape[1]), kept, strict=True):
+            memory = self(now, memory * goes_on)
+            after.append(memory)
+        return torch.cat(after), memory
+
+
+class Tower(nn.Module):
+    """Two dense layers and a linear one: (batch, inputs) to (batch, outputs)."""
+
+    def __init__(self, preset: Preset, inputs: int, outputs: int, gain: float) -> None:
+        super().__init__()
+        self.activation = ACTIVATIONS[preset.activation]
+        self.first = nn.Linear(inputs, preset.hidden, **FLOAT)
+        self.second = nn.Linear(preset.hidden, preset.hidden, **FLOAT)
+        self.last = nn.Linear(preset.hidden, outputs, **FLOAT)
+        for layer, own in ((self.first, GAIN), (self.second, GAIN), (self.last, gain)):
+            begin(layer, own)
+
+    def forward(self, features: Tensor) -> Tensor:
+        """Map (batch, inputs) to (batch, outputs)."""
+        return self.last(self.inner(features))
+
+    def inner(self, features: Tensor) -> Tensor:
+        """Return the input of the last layer: (batch, hidden)."""
+        return self.behind_first(self.activation(self.first(features)))
+
+    def behind_first(self, first: Tensor) -> Tensor:
+        """Return the input of the last layer, from the output of the first: both (batch, hidden)."""
+        return self.activation(self.second(first))
+
+
+def begin(layer: nn.Linear, gain: float = GAIN) -> nn.Linear:
+    """Initialise a layer with orthogonal weights and a bias of 0, and return it."""
+    nn.init.orthogonal_(layer.weight, gain)
+    nn.init.zeros_(layer.bias)
+    return layer
+
+
+def attend(padded: PaddedRows, weight: Tensor, bias: Tensor, attention: nn.MultiheadAttention) -> Tensor:
+    """Return the outputs of torch.nn.MultiheadAttention, averaged over all rows; hidden ones count as 0.
+
+    Rows are embedded with tanh. The padding row, behind all others, is embedded as zeros and visible in every sample.
+    Logits of hidden rows are raised by 1, as the authors add their mask to the logits.
+
+    Returns (batch, width). Raises ValueError: a gradient by the observations is requested.
+
+    weight, bias: Parameters of the layers of all kinds, stacked, (numbers of all kinds, width) and (kinds, width).
+    attention: Used for its parameters and its number of heads.
+    """
+    if padded.packed.requires_grad:
+        raise ValueError("preset 'original' has gradients by its parameters only, not by observations; detach these")
+    width, heads = attention.embed_dim, attention.num_heads
+    query, key, value = attention.in_proj_weight.view(3, heads, -1, width)
+    query_bias, _, value_bias = attention.in_proj_bias.view(3, heads, -1)  # the key's bias does not change attention
+    queries = torch.cat([query, query_bias[:, :, None]], 2) * query.shape[1] ** -0.5
+    to_keys = torch.bmm(key.transpose(1, 2), queries).view(heads * width, width + 1)  # the last column is the bias
+    out = attention.out_proj
+    out_bias = functional.linear(value_bias.reshape(width), out.weight, out.bias)
+    from_values = torch.bmm(out.weight.view(width, heads, -1).transpose(0, 1), value)  # (heads, width, width)
+
+    visible, order = padded.seen.count_nonzero(1).sort()
+    counts = visible + 1  # with the padding row
+    mixed: Tensor = _Mix.apply(padded.select(order), counts, weight, bias, to_keys)  # type: ignore[no-untyped-call]
+    total = mixed @ from_values.transpose(1, 2).reshape(heads * width, width) + counts[:, None] * out_bias
+    return torch.empty_like(total).index_copy(0, order, total) / (padded.layout.rows + 1)
+
+
+class _Mix(torch.autograd.Function):
+    """The embedded rows of each sample, weighted by softmax and summed over its queries: (batch, heads * width).
+
+    counts: (batch,), number of visible rows, including the padding row; samples are sorted by it. to_keys: the linear
+    map from an embedded row to each head's factor for all rows, (heads * width, width + 1), the bias last.
+    """
+
+    @staticmethod
+    def forward(ctx: Any, padded: PaddedRows, counts: Tensor, weight: Tensor, bias: Tensor, to_keys: Tensor) -> Tensor:
+        layout, inputs, seen = padded.layout, _by_kind(padded), functional.pad(padded.seen, (0, 1), value=1.0)
+        (batch, rows), width, heads = seen.shape, weight.shape[1], len(to_keys) // weight.shape[1]
+        embedded = seen.new_zeros(batch, rows, width)
+        # tanh(x) = 2 sigmoid(2x) - 1, which takes a quarter of the time
+        matrices = torch.split(2 * weight, [kind.features for kind in layout.kinds])
+        parts = torch.split(embedded[:, :-1], [kind.rows for kind in layout.kinds], 1)
+        for numbers, matrix, doubled, part in zip(inputs, matrices, 2 * bias, parts, strict=True):
+            torch.sigmoid(torch.addmm(doubled, numbers, matrix).view_as(part), out=part)
+        embedded[:, :-1].mul_(2).sub_(1)
+
+        where = seen.flatten().nonzero().flatten()
+        sample = where.div(rows, rounding_mode="floor")
+        queries = embedded.view(-1, width).index_select(0, where)
+        wanted = torch.addmm(to_keys[:, -1], queries, to_keys[:, :-1].T)
+        raised, groups = (1 - seen)[:, None], list(_groups(counts))
+        weights = seen.new_empty(len(where), heads * rows)
+        for samples, chosen, count in groups:
+            these = wanted[chosen].view(-1, count * heads, width)
+            logits = weights[chosen].view(-1, count * heads, rows)
+            torch.baddbmm(raised[samples], these, embedded[samples].transpose(1, 2), out=logits)
+        weights = weights.view(-1, rows).softmax(1).view_as(weights)
+        sums = seen.new_zeros(batch, heads * rows).index_add_(0, sample, weights)
+        ctx.save_for_backward(embedded, where, sample, queries, wanted, weights, sums, to_keys, *inputs)
+        ctx.layout, ctx.groups = layout, groups
+        return torch.bmm(sums.view(batch, heads, rows), embedded).view(batch, heads * width)
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, gradient: Tensor) -> tuple[Tensor | None, ...]:
+        """Return gradients with respect to the arguments of forward."""
+        embedded, where, sample, queries, wanted, weights, sums, to_keys, *inputs = ctx.saved_tensors
+        (batch, rows, width), heads = embedded.shape, len(to_keys) // embedded.shape[2]
+        gradient, sums = gradient.reshape(batch, heads, width), sums.view(batch, heads, rows)
+        by_sums = torch.bmm(gradient, embedded.transpose(1, 2)).view(batch, heads * rows)
+        by_weights = by_sums.index_select(0, sample).view(-1, rows)
+        weights = weights.view(-1, rows)
+        by_logits = torch.ops.aten._softmax_backward_data(by_weights, weights, 1, weights.dtype)
+
+        by_logits, by_wanted = by_logits.view(-1, heads * rows), torch.empty_like(wanted)
+        by_embedded = torch.bmm(sums.transpose(1, 2), gradient)
+        for samples, chosen, count in ctx.groups:
+            by_these = by_logits[chosen].view(-1, count * heads, rows)
+            by_embedded[samples].baddbmm_(by_these.transpose(1, 2), wanted[chosen].view(-1, count * heads, width))
+            torch.bmm(by_these, embedded[samples], out=by_wanted[chosen].view(-1, count * heads, width))
+        by_embedded.view(-1, width).index_add_(0, where, by_wanted @ to_keys[:, :-1])
+
+        by_weight, by_bias, start = [], [], 0
+        for kind, numbers in zip(ctx.layout.kinds, inputs, strict=True):
+            part = slice(start, start + kind.rows)
+            by_values = torch.ops.aten.tanh_backward(by_embedded[:, part], embedded[:, part]).reshape(-1, width)
+            by_weight.append(numbers.T @ by_values)
+            by_bias.append(by_values.sum(0))
+            start += kind.rows
+        by_to_keys = torch.cat([by_wanted.T @ queries, by_wanted.sum(0)[:, None]], 1)
+        return None, None, torch.cat(by_weight), torch.stack(by_bias), by_to_keys
+
+
+def _by_kind(padded: PaddedRows) -> list[Tensor]:
+    """Return the rows of each kind: (batch * rows, features)."""
+    kinds, features = padded.layout.kinds, padded.layout.features
+    parts = torch.split(padded.rows, [kind.rows for kind in kinds], 1)
+    return [part.reshape(-1, features)[:, : kind.features] for part, kind in zip(parts, kinds, strict=True)]
+
+
+def _groups(counts: Tensor) -> Iterator[tuple[slice, slice, int]]:
+    """Yield, for each number of queries, its samples, their queries, and the number. `counts` is sorted."""
+    sample = query = 0
+    for count, samples in enumerate(torch.bincount(counts).tolist()):
+        if samples:
+            yield slice(sample, sample + samples), slice(query, query + samples * count), count
+        sample, query = sample + samples, query + samples * count

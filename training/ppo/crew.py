@@ -13,6 +13,8 @@ import torch
 from torch import Tensor
 from torch import distributed as dist
 
+import outlast
+from outlast.envs.errors import ClusterError, needed
 from outlast.envs.storage.interrupts import ignored
 
 from ..base.errors import TrainingError
@@ -251,3 +253,66 @@ def _group(store: Any, rank: int, size: int, host: str) -> Any:
     options._devices = [dist.ProcessGroupGloo.create_device(hostname=host)]
     options._timeout = TIMEOUT
     return dist.ProcessGroupGloo(store, rank, size, options)
+
+
+class Tasks(Others):
+    """The other processes of the crew, as tasks that run on a Ray cluster."""
+
+    def __init__(self, ray: Any, tasks: list[Any], store: Any, opened: contextlib.ExitStack) -> None:
+        """Take Ray's references to the results of tasks. opened: Closed when they are stopped."""
+        super().__init__(len(tasks) + 1, store)
+        self.ray, self.tasks, self.opened = ray, tasks, opened
+
+    def ended(self) -> bool:
+        """See Others."""
+        return bool(self.ray.wait(self.tasks, timeout=0)[0])
+
+    def reason(self) -> str:
+        """See Others."""
+        self.ray.wait(self.tasks, timeout=GRACE)  # until the first of them ends
+        if wrong := self.reported():
+            return wrong
+        for rank, task in enumerate(self.tasks, 1):
+            try:
+                self.ray.get(task, timeout=0)
+            except self.ray.exceptions.GetTimeoutError:  # it still runs
+                continue
+            except self.ray.exceptions.RayError as error:
+                wrong = f"was lost ({type(error).__name__})"
+                return f"process {rank + 1} of {self.size} {wrong}; continue with --resume"
+        return ""
+
+    def stop(self) -> None:
+        """Close the connection; the tasks end when they lose this process."""
+        with self.opened:
+            self.ray.wait(self.tasks, num_returns=len(self.tasks), timeout=GRACE)
+
+
+def recruit_on_cluster(address: str, size: int, work: Callable[..., None], *arguments: Any) -> Crew:
+    """Return a crew as `recruit` does, with this process and tasks on a cluster; see envs.rollout.ray.connected.
+
+    Raises ClusterError, and TrainingError without Ray.
+    """
+    with needed("ray", "a Ray cluster needs {}", TrainingError):
+        import ray  # takes seconds to load
+
+        from outlast.envs.rollout.ray import connected
+    with contextlib.ExitStack() as opened:
+        opened.enter_context(connected(address))
+        cores = int(ray.cluster_resources().get("CPU", 0))
+        if cores < size - 1:
+            raise ClusterError(f"the cluster has {cores} cores: {size} processes need {size - 1}, and one here")
+        here = ray.util.get_node_ip_address()
+        store = listening(here)
+        run = ray.remote(num_cpus=1, max_retries=0)(_join_from_worker)
+        given = (outlast.__version__, here, store.port, work, *arguments)
+        tasks = [run.remote(rank, size, *given) for rank in range(1, size)]
+        return CrewProcess(0, size, here, store, Tasks(ray, tasks, store, opened.pop_all()))
+
+
+def _join_from_worker(rank: int, size: int, version: str, first: str, port: int, work: Any, *arguments: Any) -> None:
+    import ray
+
+    if version != outlast.__version__:
+        raise ClusterError(f"a worker has outlast {outlast.__version__}, the first process {version}: install the same")
+    join(rank, size, ray.util.get_node_ip_address(), first, port, work, *arguments)

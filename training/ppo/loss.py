@@ -1,9 +1,8 @@
-"""The losses of PPO (Schulman et al., arXiv:1707.06347) and of imitation: functions of a batch; and advantages."""
+"""The losses of PPO (Schulman et al., arXiv:1707.06347) and of imitation: functions of a batch."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -11,31 +10,10 @@ from ..base.config import name_of
 from ..base.errors import TrainingError
 from .minibatches import Batch
 
-Array = np.ndarray[Any, Any]
 Figures = Mapping[str, Tensor]
 Loss = Callable[[Batch], "Tensor | tuple[Tensor, Figures]"]
 ALWAYS = ("loss", "approx_kl")  # figures that are logged for every loss
 RESERVED = (*ALWAYS, "epochs", "learning_rate", "explained_variance")
-
-
-def advantages(rewards: Array, values: Array, ends: Array, last: Array, gamma: float, gae_lambda: float) -> Array:
-    """Return generalized advantage estimates (Schulman et al., arXiv:1506.02438), float32 (steps, agents).
-
-    Args:
-        rewards: float32 (steps, agents); at a truncation, they include the value of the next observation.
-        values: float32 (steps, agents), of the observation before each step.
-        ends: bool (steps, agents), whether the agent's next step does not count for this one.
-        last: float32 (agents,), values of the observations after the last step.
-        gamma: Discount of a step.
-        gae_lambda: Horizon of the estimates: from 0 (one step) to 1 (to the end).
-    """
-    found, later = np.empty_like(rewards), np.zeros_like(last)
-    for t in reversed(range(len(rewards))):
-        goes_on = np.float32(gamma) * ~ends[t]
-        following = values[t + 1] if t + 1 < len(rewards) else last
-        later = rewards[t] + goes_on * following - values[t] + goes_on * np.float32(gae_lambda) * later
-        found[t] = later
-    return found
 
 
 def ppo_loss(batch: Batch) -> tuple[Tensor, Figures]:

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor
 
 from ..base.config import CHUNK
-from ..base.hyperparameters import Hyperparameters
+from ..base.presets import Hyperparameters
 from ..policies.policy import Networks
 from ..policies.rows import Observed, moved
 from ..policies.torch_settings import INDEX

@@ -15,7 +15,7 @@ from importlib.resources import files
 import numpy as np
 
 from ..base.curves import BOXES, HEALS, KILLS, LENGTH, QUANTITIES, RETURN, Array, Curves, Quantity, smooth
-from ..base.tables import markdown_table, number, spread
+from ..base.quantities import markdown_table, number, spread
 from .results import PaperGroup, behaviour, published_curves
 
 TABLE = "claims.csv"  # a row for each claim about "all" or "each" of some variants, with its measure

@@ -15,7 +15,7 @@ from outlast.envs.errors import needed
 from ..base.curves import KILLS, LENGTH, QUANTITIES, RETURN, EndValue, MovingAverage, Quantity, average, end_value
 from ..base.errors import TrainingError
 from ..base.files import check_out, write_files
-from ..base.tables import ENDS, csv_text, decimals, digits, markdown_table, number, spread, with_spread
+from ..base.quantities import ENDS, csv_text, decimals, digits, markdown_table, number, spread, with_spread
 from ..plots.plot import DRAWN, FORMS
 from .claims import claims_table, findings
 from .results import PaperGroup, files_to_keep, group_runs, load_runs

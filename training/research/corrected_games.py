@@ -16,7 +16,7 @@ from ..arena.match import Estimates, Pairing, ratio
 from ..arena.players import contenders
 from ..base.errors import TrainingError
 from ..base.files import packed, read_bytes, unpacked, write_files
-from ..base.tables import NONE, csv_text, markdown_table, with_spread
+from ..base.quantities import NONE, csv_text, markdown_table, with_spread
 
 EPISODES = 640  # of each pairing
 FILE = "measured.csv.xz"  # the file of a run's measurements in its folder, and of those of all kept runs

@@ -10,8 +10,8 @@ from outlast.envs.scenarios.parse import resolve
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.scenarios.variants import VARIANTS
 
-from ..base.log_file import NAME as LOG
-from ..base.log_file import last_step
+from ..base.curves import LOG as LOG
+from ..base.curves import last_step
 from ..base.policy_file import SUFFIX
 from ..plots.runs import kept_runs
 from .results import PAPER_STEPS

@@ -21,7 +21,7 @@ from ..arena.evaluation import CERTAIN, Evaluation, evaluate
 from ..arena.match import Estimates
 from ..base.errors import TrainingError
 from ..base.files import check_results, write_files
-from ..base.tables import csv_text, pivot
+from ..base.quantities import csv_text, pivot
 from ..plots.figure import encoded, figure_of, write_notes
 from ..plots.plot import DRAWN
 

@@ -24,8 +24,8 @@ from ..arena.players import contenders
 from ..base.config import OPPONENTS
 from ..base.errors import TrainingError
 from ..base.files import check_out, read_text, write_files
-from ..base.run_header import read_run_folder
-from ..base.tables import csv_text, digits, pivot
+from ..base.policy_file import read_run_folder
+from ..base.quantities import csv_text, digits, pivot
 from ..plots.plot import DRAWN
 from .corrected_games import BY_AGENTS, BY_SIDES, EPISODES, SCRIPTED, SELF_PLAY, self_play
 from .teamwork import Teamwork

@@ -21,11 +21,11 @@ from ..base import policy_file
 from ..base.curves import FILE, format_curves, rounded, thinned
 from ..base.errors import TrainingError
 from ..base.files import check_out, write_files
+from ..base.quantities import LiveView
 from ..plots.plot import plot
 from ..plots.runs import kept_runs
 from ..policies.player import weights_of
 from ..runs.child_runs import ChildRun, side_by_side
-from ..runs.live_view import LiveView
 from . import corrected_games as mended
 from .compare import figures_and_tables
 from .experiments import PARTS, Experiment, experiments

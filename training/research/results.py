@@ -14,8 +14,7 @@ from outlast.envs.scenarios.variants import base, variant
 from ..base import policy_file
 from ..base.curves import FILE, Curves, Quantity, format_curves, is_known, read_curves, rounded
 from ..base.errors import TrainingError
-from ..base.hyperparameters import Hyperparameters
-from ..base.presets import ROLLOUT
+from ..base.presets import ROLLOUT, Hyperparameters
 from ..plots.groups import differing
 from ..plots.groups import group_runs as groups_of
 from ..plots.runs import ABSENT, PRESET, SCENARIO, Run, kept_runs, load, read_kept, usual_numbers

@@ -19,8 +19,8 @@ from outlast.envs.cli.options import SIGNALLED, STOPPED
 from outlast.envs.progress import above_bars
 from outlast.envs.storage.interrupts import ignored, save_requests
 
-from ..base import log_file
-from .live_view import LiveView
+from ..base import curves
+from ..base.quantities import LiveView
 
 POLL = 0.5  # seconds
 MAIN = "outlast.training.runs.child_runs"  # the program of a run: this file
@@ -66,7 +66,7 @@ class ChildRun:
 
     def steps(self) -> int:
         """Return agent-steps done, according to the run's log."""
-        return log_file.last_step(self.folder / log_file.NAME)
+        return curves.last_step(self.folder / curves.LOG)
 
     def report(self) -> int:
         """Print the run's last line of output. Return its exit status as shells do: 128 + N if signal N ended it."""

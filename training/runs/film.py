@@ -1,13 +1,84 @@
 """A short film of a checkpoint's policy, made during a run."""
 
+import contextlib
 import logging
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
+from gymnasium.vector import AutoresetMode
+
+import outlast
+from outlast.ecs import Worlds
 from outlast.envs.api.film import write_film_of
 from outlast.envs.api.options import Looks
+from outlast.envs.rollout.memory import told
+from outlast.envs.scenarios.fingerprint import difference, fingerprint, planned, rebuilt
 from outlast.envs.scenarios.scenario import Scenario
 
-from .episode import episode
+from ..base import policy_file
+from ..base.errors import TrainingError
+
+
+@dataclass(frozen=True)
+class WatchedEpisode:
+    """One world in which a policy plays an episode."""
+
+    worlds: Worlds  # one, which is reset when the first tick is requested
+    ticks: Iterator[int]  # each item requested plays a tick, until the episode ends; the first is the reset
+    scenario: Scenario
+    differs: str  # difference between the scenario and the one that the policy was trained in; "": none
+
+
+@contextlib.contextmanager
+def episode(path: Path, *, seed: int, most: int, scenario: Scenario | None = None) -> Iterator[WatchedEpisode]:
+    """Open an episode of a checkpoint's policy, whose random numbers all come from `seed`.
+
+    PyTorch's global random numbers and its number of threads stay as they are.
+
+    Raises TrainingError: the checkpoint is broken, of another game, or does not describe its own sufficiently.
+
+    most: Maximum number of ticks, even if the episode has not ended. scenario: The game; None: the one of the
+    checkpoint, see `recorded_scenario`.
+    """
+    header = policy_file.read_header(path, ("scenario",))
+    game, differs = (scenario, "") if scenario is not None else recorded_scenario(header)
+    player = outlast.load_policy(path, seed)
+    game = player.scenario(game)
+    mode = AutoresetMode.DISABLED
+    env = outlast.make_vec(game, 1, seed=seed, autoreset_mode=mode, copy=False, check_actions=False)
+
+    def ticks() -> Iterator[int]:
+        act = told(player, env)
+        observations, _ = env.reset()
+        yield 0
+        for tick in range(1, most + 1):
+            observations, _, terminated, truncated, _ = env.step(act(observations))
+            yield tick
+            if terminated[0] or truncated[0]:
+                break
+
+    with contextlib.closing(env):
+        player.check(env)
+        yield WatchedEpisode(env.worlds, ticks(), game, differs)
+
+
+def recorded_scenario(header: policy_file.Header) -> tuple[Scenario, str]:
+    """Rebuild the scenario of a run that `outlast train` began, without importing anything.
+
+    Returns the scenario, and its difference from that of the run, which another version of outlast may have begun; ""
+    if there is none. Raises TrainingError: the scenario has the user's own mechanics, which are not imported.
+
+    header: run.json of the run, or of one of its checkpoints.
+    """
+    given = header["scenario"]
+    try:
+        made = rebuilt(given, header["modules"], strict=False)
+        planned(made)
+    except ValueError as error:
+        raise TrainingError(f"the scenario {given['name']!r} cannot be rebuilt from a checkpoint: {error}") from error
+    return made, difference(given, fingerprint(made)).partition("): ")[2]  # without the name
+
 
 MOST, EVERY = 900, 3  # maximum ticks shown, half a minute of the paper's variants; ticks from frame to frame
 SIZE, FPS = 256, 20  # pixels; frames a second: with EVERY, twice real time

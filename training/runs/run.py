@@ -1,40 +1,88 @@
 """A training run: collect, update, log, save, and resume."""
 
 import contextlib
+import csv
 import errno
+import io
+import itertools
 import json
 import logging
+import os
 import re
+import socket
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import torch
+from tensorboard.compat.proto.event_pb2 import Event, SessionLog
+from tensorboard.compat.proto.summary_pb2 import Summary
+from tensorboard.summary.writer.record_writer import RecordWriter
 
 from outlast.ecs.kernels.available import available_cores
-from outlast.envs.errors import needed
 from outlast.envs.rollout.saved import CHECKPOINT, ENDINGS, checkpoints, is_saved, models
 from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.envs.storage.atomic_write import atomic_write, is_temporary
 from outlast.envs.storage.folder_lock import FolderLock, is_lock
 from outlast.envs.storage.interrupts import interrupts_held, one_interrupt, save_requests
 
-from ..base import log_file, run_header
+from ..base import curves, policy_file
 from ..base.config import TrainingConfig, parse_warm_start
 from ..base.errors import TrainingError
-from ..base.hyperparameters import Hyperparameters
-from ..base.presets import preset
+from ..base.presets import Hyperparameters, preset
 from ..policies import checkpoint
 from ..policies.torch_settings import learning
-from ..ppo.crew import Crew, recruit
+from ..ppo.crew import Crew, recruit, recruit_on_cluster
 from ..ppo.rollout import Rollout
-from ..ppo.trainer import Trainer, check_learned
+from ..ppo.trainer import Trainer, capture, check_learned, restore
 from .film import film_checkpoint
-from .logs import RunLog
-from .resume import capture, restore
 
-WRITTEN = (run_header.NAME, log_file.NAME, "steps_*")  # names of the files that only a run itself writes
+FORMAT = "brain.Event:2"  # content of the first event of a file
+_numbers = itertools.count()  # one for each event file of this process, which may create several in one second
+
+
+class RunLog:
+    """The logs of a run that has done `steps` agent-steps; entries of later steps are removed, or hidden.
+
+    When `write` returns, all entries are in the files, or OSError is raised. TensorBoard's own writer leaves writing to
+    a thread.
+    """
+
+    def __init__(self, folder: Path, steps: int) -> None:
+        curves.truncate_log(folder / curves.LOG, steps)
+        self.rows = (folder / curves.LOG).open("a", newline="", encoding="utf-8")
+        if self.rows.tell() == 0:
+            self.rows.write(",".join(curves.HEADING) + "\n")
+            self.rows.flush()
+        name = f"events.out.tfevents.{int(time.time()):010}.{socket.gethostname()}.{os.getpid()}.{next(_numbers):06}"
+        self.events = (folder / name).open("wb")
+        self.records = RecordWriter(self.events)
+        self._add(file_version=FORMAT, step=steps + 1)
+        self._add(session_log=SessionLog(status=SessionLog.START), step=steps + 1)
+        self.events.flush()
+
+    def write(self, values: Mapping[str, float], step: int) -> None:
+        """Log values by tag at an agent-step: rows tag,step,value in order of tags, all at once; and scalars."""
+        text = io.StringIO()
+        rows = csv.writer(text, lineterminator="\n")
+        rows.writerows((tag, step, repr(float(value))) for tag, value in sorted(values.items()))
+        self.rows.write(text.getvalue())
+        for tag, value in values.items():
+            self._add(summary=Summary(value=[Summary.Value(tag=tag, simple_value=float(value))]), step=step)
+        for file in (self.rows, self.events):
+            file.flush()
+
+    def close(self) -> None:
+        """Close the files."""
+        self.rows.close()
+        self.events.close()
+
+    def _add(self, **event: Any) -> None:
+        self.records.write(Event(wall_time=time.time(), **event).SerializeToString())
+
+
+WRITTEN = (policy_file.RUN_JSON, curves.LOG, "steps_*")  # names of the files that only a run itself writes
 FILES = re.compile(rf"[^,]+({'|'.join(map(re.escape, ENDINGS))})(?=:)")  # a saved policy among the opponents of a plan
 logger = logging.getLogger(__name__)
 Progress = Callable[["TrainingRun"], None]
@@ -145,8 +193,6 @@ class TrainingRun:
         if cluster is None:
             self.crew = recruit(config.processes, follow, config, files)
         else:
-            with needed("ray", "a Ray cluster needs {}", TrainingError):
-                from ..ppo.cluster import recruit_on_cluster  # imported here: Ray takes seconds to load
             if config.processes == 1:
                 raise TrainingError("a cluster requires several processes: add --processes 8, for example")
             self.crew = recruit_on_cluster(cluster, config.processes, follow, config, files)
@@ -304,8 +350,8 @@ class TrainingRun:
         if not resume or (self.folder.is_dir() and not there):  # stopped before run.json was written
             return None
         found = checkpoints(self.folder)
-        if run_header.NAME in there and not found:
-            header = run_header.read_run_folder(self.folder)
+        if policy_file.RUN_JSON in there and not found:
+            header = policy_file.read_run_folder(self.folder)
             self._check_plan(header)
             if other := preset(self.config.preset).difference(header["scenario"], self.config.scenario):
                 raise TrainingError(f"the run in {self.folder} was begun with another scenario {other}")
@@ -326,13 +372,13 @@ class TrainingRun:
             raise TrainingError(str(error)) from None
         if self._there() != there:
             raise TrainingError(f"{self.folder}: another process has just trained this run; continue with --resume")
-        if (self.folder / run_header.NAME).exists():
-            header = run_header.read_run_folder(self.folder)
+        if (self.folder / policy_file.RUN_JSON).exists():
+            header = policy_file.read_run_folder(self.folder)
         else:
             header = self.config.header() | {"scenario": fingerprint(self.trainer.env.scenario)}
-        if header.get(run_header.ASKED) != self.config.steps:
-            with atomic_write(self.folder / run_header.NAME) as place:
-                text = json.dumps(header | {run_header.ASKED: self.config.steps}, indent=1)
+        if header.get(policy_file.ASKED) != self.config.steps:
+            with atomic_write(self.folder / policy_file.RUN_JSON) as place:
+                text = json.dumps(header | {policy_file.ASKED: self.config.steps}, indent=1)
                 place.write_text(text + "\n", encoding="utf-8")
 
     @contextlib.contextmanager
@@ -347,7 +393,7 @@ class TrainingRun:
                 cure = "free some space, and continue with --resume"
             raise TrainingError(f"{wrong}; {cure}") from error
 
-    def _check_plan(self, header: run_header.Header) -> None:
+    def _check_plan(self, header: policy_file.Header) -> None:
         """Raise TrainingError for a different plan: it would not be the same run. Files of policies may have moved."""
         plans = header["plan"], self.config.header()["plan"]
         then, now = (json.loads(json.dumps(plan)) for plan in plans)

@@ -15,10 +15,10 @@ from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.storage.interrupts import children_awaited
 
 from ..base.config import FAST, SELF, Choose, TrainingConfig
+from ..base.curves import LOG, read_log
 from ..base.errors import TrainingError
-from ..base.hyperparameters import KINDS
-from ..base.log_file import NAME, read_log
-from .live_view import LiveView
+from ..base.presets import KINDS
+from ..base.quantities import LiveView
 from .run import TrainingRun, check_callbacks
 
 
@@ -150,7 +150,7 @@ def train(
 
 def _logged_last(folder: Path) -> dict[str, float]:
     """Return the last logged numbers of a run that was already complete, by tag."""
-    points = read_log(folder / NAME)
+    points = read_log(folder / LOG)
     last = max((steps for own in points.values() for steps, _ in own), default=0)
     return {tag: own[-1][1] for tag, own in points.items() if own[-1][0] == last}
 

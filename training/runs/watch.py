@@ -14,10 +14,10 @@ from outlast.envs.rollout.saved import checkpoints, steps_of
 from outlast.envs.web.replay.pack import PageRoom, pack
 from outlast.envs.web.replay.write import Recorded, record_ticks
 
-from ..base import log_file
+from ..base import curves
 from ..base.errors import TrainingError
 from ..base.quantities import headline
-from .episode import episode
+from .film import episode
 
 MOST = 5000  # maximum ticks of an episode that are shown
 CHARTED, POINTS = ("episodes", "wins"), 120  # groups of figures with a chart; maximum points of a chart
@@ -129,7 +129,7 @@ class RunWatcher:
 
     def _figures(self) -> tuple[list[Json], str]:
         """Return the figures of the log, read again when it has changed; and its fault."""
-        path = self.folder / log_file.NAME
+        path = self.folder / curves.LOG
         try:
             status = path.stat()
         except OSError:  # the file does not exist yet
@@ -139,13 +139,13 @@ class RunWatcher:
         state = status.st_mtime_ns, status.st_size
         if self.log[0] != state:
             try:
-                self.log = state, figures(log_file.read_log(path)), ""
+                self.log = state, figures(curves.read_log(path)), ""
             except TrainingError as error:
                 self.log = state, self.log[1], f"{error}."
         return self.log[1:]
 
 
-def figures(points: log_file.Points) -> list[Json]:
+def figures(points: curves.Points) -> list[Json]:
     """Return the figures of a log: {group, name, text, points [[agent-steps, value], ...] or None without a chart}."""
     by_step: dict[int, dict[str, float]] = {}
     for tag, rows in points.items():
