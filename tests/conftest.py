@@ -109,7 +109,7 @@ def call(command: ModuleType, *words: object) -> int:
     parser = Parser()
     command.add(parser.add_subparsers())
     options = parser.parse_args([command.__name__.rpartition(".")[2], *map(str, words)])
-    return int(options.run(options))
+    return int(options.run(options) or 0)
 
 
 @pytest.fixture

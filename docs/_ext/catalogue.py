@@ -12,7 +12,7 @@ from outlast import components, systems
 from outlast.components import Phase
 from outlast.ecs import Action, Component, Event, Module, Observation, Statistic, Worlds
 from outlast.envs.adapters.registry import IDS
-from outlast.envs.cli.schedule import uses
+from outlast.envs.cli.games import uses
 from outlast.envs.core.spaces import published
 from outlast.envs.rendering.layers import FILM_LAYERS_BY_NAME, FILM_OPTIONAL, LAYERS
 from outlast.envs.scenarios.number_table import allowed, in_words, number_rows

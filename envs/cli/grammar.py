@@ -1,10 +1,11 @@
 """The grammar of the command line: help with groups and examples, mistakes in one line with a hint, an overview."""
 
 import argparse
+import inspect
 import re
 import shutil
 import sys
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import Any, NoReturn
 
 from outlast.ecs.kernels.errors import did_you_mean
@@ -145,6 +146,25 @@ class Help(argparse.HelpFormatter):
         for line in text.splitlines():
             parts.append(line if line.startswith(" ") or not line else super()._fill_text(line, width, indent))
         return "\n".join(parts)
+
+
+def add_command(commands: Any, name: str, run: Callable[[argparse.Namespace], int | None]) -> Parser:
+    """Add a command, and return its parser.
+
+    Args:
+        commands: Of argparse's add_subparsers.
+        name: The command's name.
+        run: The function that runs it, and returns its exit status or None for 0. Its docstring is the help: a line,
+            the description, and examples, each a command line without its first word, a # and what it does.
+    """
+    text, _, listed = (inspect.getdoc(run) or "").partition("\n\nExamples:\n")
+    text = re.sub(r"^(\S.*)\n(?=\S)", r"\1 ", text, flags=re.MULTILINE)  # a line for each paragraph
+    short, _, description = text.partition("\n\n")
+    lines = [line.strip().partition("  # ") for line in listed.replace(f"\n{' ' * 8}", "  ").splitlines()]
+    examples = [(words, about) for words, _, about in lines]
+    short = f"{short[:1].lower()}{short[1:].rstrip('.')}"
+    parser: Parser = commands.add_parser(name, help=short, description=description, examples=examples, run=run)
+    return parser
 
 
 def overview(program: str, commands: Any) -> str:

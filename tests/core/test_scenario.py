@@ -19,8 +19,8 @@ from outlast.ecs import (  # isort: skip
     Action, Archetype, DeclarationError, Entity, Event, Module, NumberError, Observation, ScheduleError, Statistic,
     Worlds, column, number, ref,
 )  # fmt: skip
+from outlast.envs.cli.games import uses
 from outlast.envs.cli.main import main
-from outlast.envs.cli.schedule import uses
 from outlast.envs.errors import ScenarioError
 from outlast.envs.scenarios.variants import ALIASES
 from outlast.systems import Boxes, DropLast, FreeForAll, Melee, Teams

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 import outlast
-from outlast.envs.cli import streams
+from outlast.envs.cli import main as cli
 from outlast.envs.cli.main import main
 from outlast.envs.progress import Messages
 from tests.conftest import run
@@ -169,6 +169,6 @@ def test_messages_are_equal_if_their_stream_is_the_same() -> None:
 
 def test_streams_are_the_callers_again_behind_a_command() -> None:
     before = sys.stdout, sys.stderr
-    with streams.standard_streams():
+    with cli.standard_streams():
         assert sys.stdout is not before[0]
     assert (sys.stdout, sys.stderr) == before

@@ -12,7 +12,7 @@ from . import compare, hide_and_seek, long_run, reproduce
 
 def parser() -> Parser:
     """Return the grammar of this program."""
-    commands = (reproduce, compare, hide_and_seek, long_run)
+    commands = (module.add for module in (reproduce, compare, hide_and_seek, long_run))
     return program(f"python -m {__package__}", "Repeat and continue the papers of docs/paper.md.", commands)
 
 
