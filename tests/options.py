@@ -1,6 +1,8 @@
-"""Options are declared once, as fields of dataclasses; signatures and docstrings of functions are written from these.
+"""Options are declared once; signatures and docstrings of functions that share them are written from one place.
 
-python -m tests.options           list each option with the places where somebody says what it is: one
+Those of training are fields of dataclasses, those of environments arguments of `outlast.make_vec`.
+
+python -m tests.options           list each option with the place where it is declared
 python -m tests.options --write   write signatures and docstrings anew, after an option was changed or added
 """
 
@@ -16,37 +18,41 @@ from typing import Any
 
 from outlast import systems
 from outlast.ecs import Module
-from outlast.envs.api import options as api
-from outlast.envs.core.options import WorldOptions, default_of, flag_of, options_of
+from outlast.envs.api import check, film, play, rollout
+from outlast.envs.core.options import default_of, options_of
+from outlast.envs.rendering.layers import FILM_LAYERS_BY_NAME
+from outlast.envs.rollout.policies import POLICIES
 from outlast.training.base import config
 from outlast.training.plots.plot import PlotOptions
 
 ROOT = Path(__file__).parents[1]
 COLUMNS = 112  # of a docstring, behind its indent
 TRAINING = ROOT / "training/base/config.py", (config.RunOptions, config.TrainingConfig)
-WORLDS = ROOT / "envs/core/options.py", (WorldOptions,)
-PLAYED = ROOT / "envs/api/options.py"
+MAKE = ROOT / "envs/api/make.py"
+OWN = frozenset({"seed", "observations"})  # what adapters describe in their own way
 ALL: frozenset[str] = frozenset()
 # functions, where their options are declared, and what they say of them otherwise; a new option goes into the first two
 FUNCTIONS = {
     (ROOT / "training/runs/train.py", "train"): (*TRAINING, ALL),
     (ROOT / "training/arena/evaluation.py", "evaluate"): (TRAINING[0], (config.EvaluationOptions,), ALL),
     (ROOT / "training/plots/plot.py", "plot"): (ROOT / "training/plots/plot.py", (PlotOptions,), ALL),
-    (ROOT / "envs/api/rollout.py", "rollout"): (PLAYED, (api.RolloutOptions,), ALL),
-    (ROOT / "envs/api/film.py", "film"): (PLAYED, (api.FilmOptions, api.Looks), ALL),
-    (ROOT / "envs/api/play.py", "play"): (PLAYED, (api.PlayOptions, api.PageOptions), ALL),
-    (ROOT / "envs/api/check.py", "check"): (PLAYED, (api.CheckOptions,), ALL),
-    (ROOT / "envs/api/make.py", "make_vec"): (*WORLDS, {"max_episode_steps", "observations"}),
-    (ROOT / "envs/adapters/gymnasium_agents.py", "make_agents"): (*WORLDS, {"seed"}),
-    (ROOT / "envs/adapters/sb3.py", "make_sb3"): (*WORLDS, {"seed", "render_mode", "observations"}),
-    (ROOT / "envs/adapters/puffer.py", "make_puffer"): (*WORLDS, {"seed"}),
-    (ROOT / "envs/adapters/torchrl.py", "make_torchrl"): (*WORLDS, {"seed", "actions", "observations"}),
-    (ROOT / "envs/adapters/pettingzoo.py", "parallel_env"): (*WORLDS, {"seed", "render_mode", "action_masks"}),
+    (ROOT / "envs/adapters/gymnasium_agents.py", "make_agents"): (MAKE, (), OWN),
+    (ROOT / "envs/adapters/sb3.py", "make_sb3"): (MAKE, (), OWN | {"render_mode"}),
+    (ROOT / "envs/adapters/puffer.py", "make_puffer"): (MAKE, (), OWN),
+    (ROOT / "envs/adapters/torchrl.py", "make_torchrl"): (MAKE, (), OWN | {"actions"}),
+    (ROOT / "envs/adapters/pettingzoo.py", "parallel_env"): (MAKE, (), OWN | {"render_mode", "action_masks"}),
+}
+FLAGS = {  # of functions whose docstrings also are the help of commands
+    ROOT / "envs/api/rollout.py": (rollout.RolloutOptions,),
+    ROOT / "envs/api/film.py": (film.FilmOptions, film.Looks),
+    ROOT / "envs/api/play.py": (play.PlayOptions, play.PageOptions),
+    ROOT / "envs/api/check.py": (check.CheckOptions,),
 }
 STUB = ROOT / "envs/scenarios/known_numbers.pyi"
 NUMBERS = {int: "float", float: "float", bool: "bool", str: "str"}  # integers may be floats: 1e3
-WHOLE = ("train", "evaluate", "plot", "make_vec", "rollout", "film", "play", "check")
-COMMANDS = (*ROOT.glob("envs/cli/*.py"), *ROOT.glob("training/cli/*.py"))
+WHOLE = ("train", "evaluate", "plot")
+PARAMETER = r"^    {}: .*\n"
+ENTRY = r"^        {}: .*\n(?:            .*\n)*"  # of an argument, in a docstring
 
 
 def fields(path: Path, kind: Any) -> Iterator[tuple[str, ast.AnnAssign]]:
@@ -110,7 +116,13 @@ def written(path: Path, function: str) -> str:
     told = found.body[0]
     parts = (0, found.lineno - 1, told.lineno - 1, told.end_lineno, None)
     before, head, docstring, after = ("".join(source[first:last]) for first, last in itertools.pairwise(parts))
-    lines, texts = dict[str, str](), dict[str, str]()
+    source_of_all = declared.read_text()
+    lines = {
+        name: f"    {name}: {rest}\n" for name, rest in re.findall(r"^    (\w+): (.* = .*,)\n", source_of_all, re.M)
+    }
+    texts = {name: each[0] for name in lines if (each := re.search(ENTRY.format(name), source_of_all, re.M))}
+    if declared != MAKE:
+        lines, texts = {}, {}
     for kind in kinds:
         lines |= parameters(declared, kind)
         texts |= arguments(kind)
@@ -118,8 +130,8 @@ def written(path: Path, function: str) -> str:
     for lines_of in (lines, texts):
         for name in lines_of.keys() - given if function not in WHOLE else own:
             lines_of.pop(name, None)
-    head = replaced(head, r"^    {}: .*\n", lines)
-    docstring = replaced(docstring, r"^        {}: .*\n(?:            .*\n)*", texts)
+    head = replaced(head, PARAMETER, lines)
+    docstring = replaced(docstring, ENTRY, texts)
     return before + head + docstring + after
 
 
@@ -135,38 +147,32 @@ def numbers_stub() -> str:
     return f"{imports}\nclass Numbers(TypedDict, total=False):\n{lines}"
 
 
-def places() -> dict[str, list[str]]:
-    """By option, with its class, the places where it is declared, or a flag is added by hand."""
-    found, flags = dict[str, list[str]](), dict[str, list[str]]()
-    for path, kinds in dict.fromkeys((path, kinds) for path, kinds, _ in FUNCTIONS.values()):
-        for kind in kinds:
-            for name, each in fields(path, kind):
-                found[f"{kind.__name__}.{name}"] = [f"{path.relative_to(ROOT)}:{each.lineno}"]
-                if options_of(kind)[name].group:
-                    flags.setdefault(flag_of(name, options_of(kind)[name]), []).append(f"{kind.__name__}.{name}")
-    for path in COMMANDS:
-        text = path.read_text()
-        whole = set(re.findall(r"add_options\(command, (\w+)(?:\)|, \w+=|, \*\*)", text))
-        for flag in re.findall(r'add_(?:argument|number)\([^"]*"(--[\w-]+)"', text):
-            for name in flags.get(flag, ()):
-                if name.partition(".")[0] in whole:  # the command has all options of that class
-                    found[name].append(f"{path.relative_to(ROOT)} ({flag})")
-    return found
+def places() -> dict[str, str]:
+    """By option, with its class, the place where it is declared. A parser refuses to add a flag again."""
+    declared = {**{path: kinds for path, kinds, _ in FUNCTIONS.values()}, **FLAGS}.items()
+    return {
+        f"{kind.__name__}.{name}": f"{path.relative_to(ROOT)}:{each.lineno}"
+        for path, kinds in declared
+        for kind in kinds
+        for name, each in fields(path, kind)
+    }
 
 
 def main() -> int:
-    """List, or write; the exit status is 1 if an option has two places, or a function is not as it has to be."""
+    """List, or write; the exit status is 1 if a function is not as it has to be."""
     stale = {path: function for path, function in FUNCTIONS if written(path, function) != path.read_text()}
     if (stub := numbers_stub()) != (STUB.read_text() if STUB.exists() else ""):
         stale[STUB] = STUB.name
-    for name, where in (found := places()).items():
-        print(f"{name:28} {len(where)}  {', '.join(where)}")
+    for name in (*POLICIES, *FILM_LAYERS_BY_NAME):
+        assert re.search(rf"\b{name}\b", film.film.__doc__ or ""), name
+    for name, where in places().items():
+        print(f"{name:28} {where}")
     if stale and "--write" in sys.argv[1:]:
         for path, function in stale.items():
             path.write_text(stub if path == STUB else written(path, function))
     elif stale:
         print(f"not as declared: {', '.join(stale.values())}; run `python -m tests.options --write`")
-    return int(any(len(where) > 1 for where in found.values()) or (bool(stale) and "--write" not in sys.argv[1:]))
+    return int(bool(stale) and "--write" not in sys.argv[1:])
 
 
 if __name__ == "__main__":

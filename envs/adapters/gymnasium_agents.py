@@ -5,9 +5,9 @@ from typing import Any, Unpack
 from gymnasium.vector import AutoresetMode
 
 from ..core.agents import present
-from ..core.options import world_options
 from ..core.spaces import statistics
 from ..core.validation import Array
+from ..core.vector_env import world_options
 from ..scenarios.known_numbers import Numbers
 from ..scenarios.parse import checks_keywords
 from ..scenarios.scenario import Scenario

@@ -9,9 +9,9 @@ from outlast.ecs import Clock
 from outlast.ecs.kernels.integers import is_whole
 
 from ..core.agents import alive, fewest_agents
-from ..core.options import world_options
 from ..core.spaces import statistics
 from ..core.validation import Array, check_choice, check_count
+from ..core.vector_env import world_options
 from ..errors import ActionError
 from ..rendering.rgb import RENDER_MODES
 from ..rollout.lineup import Lineup, Others, entries_of

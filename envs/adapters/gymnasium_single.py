@@ -9,8 +9,8 @@ import numpy as np
 
 from ..core.numbers import copy_changed
 from ..core.observations import each
-from ..core.options import world_options
 from ..core.validation import Array, check_choice, keys
+from ..core.vector_env import world_options
 from ..errors import NotResetError
 from ..rendering.rgb import FPS, RENDER_MODES
 from ..rendering.window import Window

@@ -15,10 +15,9 @@ from ..core.agents import alive, counted, present
 from ..core.concurrency import check_callable
 from ..core.numbers import copy_changed
 from ..core.observations import each
-from ..core.options import world_options
 from ..core.spaces import statistics
 from ..core.validation import Array, check_choice, check_count
-from ..core.vector_env import SurvivalVectorEnv
+from ..core.vector_env import SurvivalVectorEnv, world_options
 from ..errors import ActionError, NotResetError, needed
 from ..rendering import rgb
 from ..rendering.window import Window

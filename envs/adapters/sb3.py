@@ -5,9 +5,8 @@ from typing import Any, Unpack
 
 import numpy as np
 
-from ..core.options import world_options
 from ..core.validation import Array, as_array, check_count, keys
-from ..core.vector_env import Arrays
+from ..core.vector_env import Arrays, world_options
 from ..errors import PendingError, needed
 from ..rendering.window import Window
 from ..scenarios.known_numbers import Numbers

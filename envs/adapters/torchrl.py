@@ -13,9 +13,8 @@ from outlast.ecs import AgentRoles, Clock
 from ..core.agents import counts_vary, side
 from ..core.concurrency import exclusive
 from ..core.observations import each
-from ..core.options import world_options
 from ..core.validation import Array, check_choice, keys
-from ..core.vector_env import StepBuffers, SurvivalVectorEnv
+from ..core.vector_env import StepBuffers, SurvivalVectorEnv, world_options
 from ..errors import needed
 from ..rendering.rgb import Pictured
 from ..scenarios.known_numbers import Numbers

@@ -15,6 +15,7 @@ from gymnasium.vector import AutoresetMode
 from outlast.ecs import EngineError
 from outlast.ecs.kernels.integers import is_whole
 
+from ..core.options import PLAY, option
 from ..core.validation import Array
 from ..core.vector_env import SurvivalVectorEnv
 from ..rollout.policies import random_policy
@@ -83,6 +84,16 @@ def check(
         found += [Finding(name, text)] if text else []
         passed(name, text)
     return found
+
+
+@dataclass(frozen=True)
+class CheckOptions:
+    """The options of `outlast.check` that are flags."""
+
+    described = check
+    worlds: int = option(8, PLAY, metavar="N", least=1)
+    steps: int = option(300, PLAY, metavar="N", least=1)
+    seed: int = option(0, PLAY, metavar="N", least=0, most=2**64 - 1)
 
 
 class _Game:

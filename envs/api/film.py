@@ -4,12 +4,14 @@ import contextlib
 import logging
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Unpack
 
 from outlast.ecs import Worlds
 from outlast.ecs.kernels.integers import is_whole
 
+from ..core.options import PLAY, option
 from ..core.validation import check_count
 from ..errors import FilmError
 from ..recording import Recording, Replay
@@ -26,10 +28,11 @@ from ..rollout.local import ticks
 from ..scenarios.known_numbers import Numbers
 from ..scenarios.parse import checks_keywords, options_of, resolve
 from ..scenarios.scenario import Scenario
-from .options import STEPS, Looks
 from .rollout import check_decided, worlds_of
 
 LOGGER = logging.getLogger(__name__)
+STEPS = 150  # by default (5 seconds)
+PICTURES = "pictures"  # the title of a group of options
 REPLAYED = 16  # worlds of a recording at most, by default
 HOLD = 0.8  # seconds for which films show the end of an episode; folders of pictures do not
 SOURCES = (".py", ".json")  # endings of files of scenarios; all other files are taken for recordings
@@ -122,6 +125,30 @@ def film(
         played = ticks(env, act, STEPS if steps is None else steps)
         title = ", ".join([env.scenario.name, _players(policy or "scripted", others)])
         return write_film_of(out, env.worlds, played, range(count), looks, title, progress, more)
+
+
+@dataclass(frozen=True)
+class Looks:
+    """The look of a film: the options of `outlast.film` about pictures."""
+
+    described = film
+    size: int = option(512, PICTURES, metavar="N", least=1)
+    mosaic: tuple[int, int] | None = option(None, PICTURES, metavar="RxC")
+    views: str = option("", PICTURES, metavar="NAMES")
+    every: int = option(1, PICTURES, metavar="N", least=1)
+    fps: int = option(FPS, PICTURES, metavar="N", least=1)
+
+
+@dataclass(frozen=True)
+class FilmOptions:
+    """The other options of `outlast.film` that are flags."""
+
+    described = film
+    worlds: int | None = option(None, PLAY, metavar="N", least=1)
+    steps: int = option(STEPS, PLAY, metavar="N", least=1)
+    policy: str = option("scripted", PLAY, metavar="NAME")
+    others: str | None = option(None, PLAY, metavar="NAMES")
+    seed: int = option(0, PLAY, metavar="N", least=0, most=2**64 - 1)
 
 
 def _check(steps: Any, mosaic: Any, views: Any) -> None:

@@ -5,8 +5,7 @@ from typing import Unpack
 
 from gymnasium.vector import AutoresetMode
 
-from ..core.options import world_options
-from ..core.vector_env import SurvivalVectorEnv
+from ..core.vector_env import SurvivalVectorEnv, world_options
 from ..scenarios.known_numbers import Numbers
 from ..scenarios.parse import checks_keywords, options_of, resolve
 from ..scenarios.scenario import Scenario

@@ -3,11 +3,13 @@
 import asyncio
 import contextlib
 import os
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 from typing import Any, Unpack
 
 from outlast.ecs.kernels.integers import is_whole
 
+from ..core.options import OUTPUT, PLAY, option
 from ..errors import PlayError, needed
 from ..rollout.lineup import Others, entries_of, load_policies
 from ..rollout.saved import text_of
@@ -15,7 +17,9 @@ from ..scenarios.known_numbers import Numbers
 from ..scenarios.parse import checks_keywords, options_of, resolve
 from ..scenarios.scenario import Scenario
 from ..web.gate import HOST, Site, announce
-from .options import FASTEST
+
+FASTEST = 1000  # ticks per second
+PAGE = "page"  # the title of a group of options
 
 
 @checks_keywords
@@ -81,6 +85,29 @@ def play(
 
     with contextlib.closing(made), contextlib.suppress(KeyboardInterrupt):
         asyncio.run(serve(made, fps or 1 / made.world["seconds"], site, opened))
+
+
+@dataclass(frozen=True)
+class PlayOptions:
+    """The options of `outlast.play` that are flags, but for those of PageOptions."""
+
+    described = play
+    agent: int = option(0, PLAY, metavar="N", least=0)
+    others: str = option(lambda: {"scripted": 1.0}, PLAY, metavar="NAMES")
+    seed: int = option(0, PLAY, metavar="N", least=0, most=2**64 - 1)
+    fps: float | None = option(None, PLAY, metavar="RATE")
+    record: str | None = option(None, OUTPUT, metavar="FILE")
+
+
+@dataclass(frozen=True)
+class PageOptions:
+    """The address of a page, of `outlast.play` or another one."""
+
+    described = play
+    port: int = option(0, PAGE, metavar="PORT", least=0, most=65535)
+    host: str = option(HOST, PAGE, metavar="ADDRESS")
+    allow_hosts: str | Collection[str] = option((), PAGE, flag="--allow-host", metavar="NAME:PORT", many=True)
+    browser: bool = option(True, PAGE, flag="--no-browser")
 
 
 def _check(fps: Any, port: Any) -> None:

@@ -3,11 +3,13 @@
 import contextlib
 import os
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Unpack
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
+from ..core.options import MACHINE, OUTPUT, PLAY, option
 from ..core.validation import Array, check_count
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import UsageError
@@ -36,7 +38,8 @@ from ..scenarios.parse import checks_keywords, options_of, resolve
 from ..scenarios.scenario import Scenario
 from ..storage.interrupts import left_whole
 from .make import make_vec
-from .options import WORLDS
+
+WORLDS = 1024  # how many worlds play by default
 
 File = str | os.PathLike[str]
 Progress = Callable[[Summary], None]
@@ -158,6 +161,26 @@ def rollout(
         except KeyboardInterrupt as stop:
             stopped = stop  # raised after the files are closed, so that they are complete
     raise stopped
+
+
+@dataclass(frozen=True)
+class RolloutOptions:
+    """The options of `outlast.rollout` that are flags."""
+
+    described = rollout
+    worlds: int = option(WORLDS, PLAY, metavar="N", least=1)
+    episodes: int | None = option(None, PLAY, metavar="N", least=1)
+    steps: int = option(0, PLAY, metavar="N", least=1)
+    policy: str = option("random", PLAY, metavar="NAME")
+    others: str | None = option(None, PLAY, metavar="NAMES")
+    seed: int = option(0, PLAY, metavar="N", least=0, most=2**64 - 1)
+    csv: str | None = option(None, OUTPUT, metavar="FILE")
+    events: str | None = option(None, OUTPUT, metavar="FILE")
+    record: str | None = option(None, OUTPUT, metavar="FILE")
+    record_policy: bool = option(False, OUTPUT)
+    threads: int = option(1, MACHINE, metavar="N", least=1)
+    specialize: bool = option(False, MACHINE)
+    interpret: Collection[str] = option((), MACHINE, metavar="SYSTEM", many=True)
 
 
 def worlds_of(

@@ -6,6 +6,7 @@ import functools
 import importlib.util
 import keyword
 import logging
+from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
@@ -14,10 +15,9 @@ from outlast.components import Shape
 from outlast.ecs import Component, Entity, Worlds
 from outlast.systems import Walls
 
-from ..api.check import CHECKS, check
+from ..api.check import CHECKS, CheckOptions, check
 from ..api.make import make_vec
-from ..api.options import CheckOptions, LayoutOptions
-from ..core.options import GAME, OUTPUT
+from ..core.options import GAME, OUTPUT, PLAY, option
 from ..errors import ScenarioError, UsageError
 from ..rendering.canvas import png
 from ..rendering.video.footage import check_pictures, footage, near_square
@@ -33,7 +33,16 @@ from .options import VARIANT, add_changes, add_number, add_options, add_scenario
 
 LOGGER = logging.getLogger(__name__)
 TEMPLATE = Path(__file__).with_name("new_game.txt")
+SEED = "seed of all random numbers: the same seed gives the same episodes"
 SIZE = 384  # pixels along a side of a picture of a layout
+
+
+@dataclass(frozen=True)
+class LayoutOptions:
+    """The options of `outlast layout` about worlds."""
+
+    worlds: int = option(1, PLAY, "number of worlds to draw", metavar="N", least=1)
+    seed: int = option(0, PLAY, SEED, metavar="N", least=0, most=2**64 - 1)
 
 
 def add(commands: Any) -> None:

@@ -18,11 +18,10 @@ import numpy as np
 from outlast.ecs import SKIP
 from outlast.ecs.kernels.errors import OutlastError
 
-from ..api.film import REPLAYED, Count, film, write_film_of
+from ..api.film import PICTURES, REPLAYED, Count, FilmOptions, Looks, film, write_film_of
 from ..api.make import make_vec
-from ..api.options import FASTEST, PICTURES, FilmOptions, Looks, PageOptions, PlayOptions, RolloutOptions
-from ..api.play import play
-from ..api.rollout import check_files, prepared, worlds_of
+from ..api.play import FASTEST, PageOptions, PlayOptions, play
+from ..api.rollout import RolloutOptions, check_files, prepared, worlds_of
 from ..core.options import MACHINE, OUTPUT
 from ..errors import ClusterError, RecordingError, ReplayError, UsageError, needed
 from ..progress import Progress

@@ -1,17 +1,13 @@
-"""Options, each declared once as a field of a dataclass: checks, flags and help follow from that.
-
-`python -m tests.options --write` writes signatures and docstrings of functions from the same fields.
-"""
+"""Options, each declared once as a field of a dataclass: checks, flags and help follow from that."""
 
 import contextlib
-from collections.abc import Collection, Mapping
-from dataclasses import MISSING, dataclass, field, fields
+import inspect
+import re
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, field, fields, replace
 from typing import Any
 
-from gymnasium.vector import AutoresetMode
-
-from ..rendering.rgb import RENDER_MODES
-from .validation import MAX_WORLDS, check_choice, check_count, check_flags
+from .validation import check_choice, check_count, check_flags
 
 MILLION = 10**6
 GAME, PLAY, OUTPUT, MACHINE = "game", "what is played", "output", "machine"  # titles of groups of options
@@ -48,7 +44,8 @@ class Option:
 
     Attributes:
         group: The title of its group in the help of commands; "" if it is for Python only, and has no flag.
-        text: Description with unit, without a full stop; for a bool, its effect, as in "show no progress".
+        text: Description with unit, without a full stop; for a bool, its effect, as in "show no progress". "": what the
+            docstring of the function `described` of the dataclass has about the argument of this name.
         python: Values or facts for Python only, as a sentence.
         flag: Its flag, if that is not its name; of a bool that is usually True, one that begins with --no-.
         metavar: Name of its value in help.
@@ -71,7 +68,7 @@ class Option:
     takes: str = ""
 
 
-def option(default: Any, group: str, text: str, **more: Any) -> Any:
+def option(default: Any, group: str, text: str = "", **more: Any) -> Any:
     """Return the field of an option: see Option. A default that is a function is called for each object."""
     given = {"default_factory" if callable(default) else "default": default}
     return field(**given, metadata={"option": Option(group, text, **more)})
@@ -79,7 +76,17 @@ def option(default: Any, group: str, text: str, **more: Any) -> Any:
 
 def options_of(kind: Any) -> dict[str, Option]:
     """Return the options that a dataclass declares, by name."""
-    return {each.name: each.metadata["option"] for each in fields(kind) if "option" in each.metadata}
+    found = {each.name: each.metadata["option"] for each in fields(kind) if "option" in each.metadata}
+    missing = {name: _argument(kind.described, name) for name, own in found.items() if not own.text}
+    return found | {name: replace(found[name], text=text) for name, text in missing.items()}
+
+
+def _argument(function: Any, name: str) -> str:
+    """Return the first sentence of a docstring about an argument, in the form of Option.text."""
+    entry = re.search(rf"^    {name}: (.*(?:\n        .*)*)", inspect.getdoc(function) or "", re.MULTILINE)
+    text = " ".join(entry[1].split()) if entry else ""
+    text = text.partition(". ")[0].removesuffix(".").removeprefix("Whether to ")
+    return text[:1].lower() + text[1:]
 
 
 def flag_of(name: str, own: Option) -> str:
@@ -118,74 +125,3 @@ def help_of(kind: Any, name: str) -> str:
         return own.text
     short = f"{usual // MILLION}e6" if isinstance(usual, int) and usual and not usual % MILLION else usual
     return f"{own.text} (default {short})"
-
-
-@dataclass(frozen=True)
-class WorldOptions:
-    """Options of environments: of `outlast.make_vec`, and some of each adapter."""
-
-    seed: int | None = option(
-        None,
-        "",
-        "what keys the random numbers of world i, by (seed, first_world + i); None: a seed from the operating system",
-    )
-    threads: int = option(1, "", "threads among which a step divides the worlds, with the same results", least=1)
-    max_episode_steps: int | None = option(
-        None, "", "ticks after which a world is truncated; it sets the scenario's ending_limit", least=1
-    )
-    autoreset_mode: AutoresetMode | str = option(  # noqa: RUF009, a field
-        AutoresetMode.NEXT_STEP,
-        "",
-        "when a world that ended begins its next episode: NEXT_STEP, SAME_STEP or DISABLED of "
-        'gymnasium.vector.AutoresetMode, or their values, such as "NextStep"',
-    )
-    copy: bool = option(
-        True,
-        "",
-        "return observations in new arrays; if not, which is faster, they are read-only views, and the next call "
-        "overwrites them, and any tensors that share their memory, such as those from jax.device_put",
-    )
-    check_actions: bool = option(
-        True,
-        "",
-        "check the range of actions; if not, an action out of range has an unspecified effect, but does no harm",
-    )
-    first_world: int = option(
-        0,
-        "",
-        "number of the first world, for batches that each hold a part of the worlds of one seed",
-        least=0,
-        most=MAX_WORLDS,
-    )
-    render_mode: str | None = option(None, "", '"rgb_array", "ansi" or None', choices=(None, *RENDER_MODES))
-    actions: str = option(
-        "multi",
-        "",
-        '"multi", an integer for each action; "joint", one integer for all actions of an agent, 0 to 215 in the '
-        'paper; or "continuous", a float from -1 to 1 for each action, whose values share that range equally',
-    )
-    observations: str = option("dict", "", '"dict", arrays by key, or "flat", one array that joins those of all keys')
-    scaled: bool = option(
-        False,
-        "",
-        "divide observations, and `state`, by the scales of their fields to about -1 to 1, with angles wrapped; "
-        "columns without bounds are clipped to -10 to 10",
-    )
-    action_masks: bool = option(False, "", 'put "action_mask" into info, int8: what `action_masks` returns')
-    specialize: bool = option(
-        False,
-        "",
-        "compile for this scenario alone: steps then take 15 to 25 % less time, but new mechanics or sizes take some "
-        "ten seconds to compile, once; otherwise, scenarios share their compiled code",
-    )
-    interpret: Collection[str] = option(
-        (), "", 'labels of systems ("melee.aim") to run as Python, for breakpoints and print; slow'
-    )
-
-
-def world_options(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the options of an environment by name, out of the local variables of a factory.
-
-    max_episode_steps is not among them: it is a number of the scenario.
-    """
-    return {name: given[name] for name in options_of(WorldOptions) if name in given and name != "max_episode_steps"}

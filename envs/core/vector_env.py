@@ -1,6 +1,7 @@
 """The batched environment: many worlds, each with several agents, stepped together."""
 
 import contextlib
+import inspect
 from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import cached_property
 from typing import Any, TypeVar
@@ -25,12 +26,11 @@ from .global_state import GlobalState
 from .lifecycle import EpisodeTracker, announce_compilation, check_faults, check_places, check_playable
 from .numbers import change_levels, change_numbers, current_levels, current_numbers
 from .observations import Observations, writable
-from .options import WorldOptions, check_options
 from .places import place
 from .query import Query
 from .spaces import check_published, statistics
 from .step_events import DEATHS, LEVEL, StepEvents, log_deaths
-from .validation import MAX_WORLDS, Array, Seeds, as_array, check_count, keys, reset_mask
+from .validation import MAX_WORLDS, Array, Seeds, as_array, check_choice, check_count, check_flags, keys, reset_mask
 from .validation import autoreset_mode as checked_autoreset_mode
 
 Arrays = dict[str, Array]
@@ -121,7 +121,11 @@ class SurvivalVectorEnv(Pictured, BatchedSpaces):
         interpret: Collection[str] = (),
     ) -> None:
         check_count("num_worlds", num_worlds, 1, MAX_WORLDS)
-        check_options(WorldOptions, locals())
+        check_count("threads", threads, 1, MAX_WORLDS)
+        check_count("first_world", first_world, 0, MAX_WORLDS)
+        check_choice("render_mode", render_mode, (None, *RENDER_MODES))
+        flags = {"copy": copy, "check_actions": check_actions, "scaled": scaled, "action_masks": action_masks}
+        check_flags(**flags, specialize=specialize)
         self.scenario, self.copy, self.check_actions, self.first_world = scenario, copy, check_actions, first_world
         self.autoreset_mode, self.render_mode = checked_autoreset_mode(autoreset_mode), render_mode
         self.metadata = {"render_modes": list(RENDER_MODES), "render_fps": FPS, "name": scenario.name}
@@ -614,6 +618,12 @@ class SurvivalVectorEnv(Pictured, BatchedSpaces):
             "an environment cannot be pickled or copied; pickle what makes it, as "
             "functools.partial(outlast.make_vec, 'ffa_3', 64, seed=0), and what get_state() returns"
         )
+
+
+def world_options(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options of SurvivalVectorEnv by name, out of the local variables of a factory."""
+    named = inspect.signature(SurvivalVectorEnv).parameters.values()
+    return {each.name: given[each.name] for each in named if each.kind is each.KEYWORD_ONLY and each.name in given}
 
 
 def _written(values: Array, out: Any) -> Array:

@@ -5,8 +5,7 @@ import functools
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from outlast.envs.api.film import write_film_of
-from outlast.envs.api.options import Looks
+from outlast.envs.api.film import Looks, write_film_of
 from outlast.envs.recording import Recording, Replay
 from outlast.envs.rendering.layers.title import fits
 from outlast.envs.rollout.lineup import ROLES, role_of

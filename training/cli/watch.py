@@ -6,7 +6,7 @@ import threading
 from pathlib import Path
 from typing import Any
 
-from outlast.envs.api.options import PageOptions
+from outlast.envs.api.play import PageOptions
 from outlast.envs.cli.options import add_import, add_options, import_files, printable
 from outlast.envs.errors import needed
 

@@ -10,8 +10,7 @@ from gymnasium.vector import AutoresetMode
 
 import outlast
 from outlast.ecs import Worlds
-from outlast.envs.api.film import write_film_of
-from outlast.envs.api.options import Looks
+from outlast.envs.api.film import Looks, write_film_of
 from outlast.envs.rollout.memory import told
 from outlast.envs.scenarios.fingerprint import difference, fingerprint, planned, rebuilt
 from outlast.envs.scenarios.scenario import Scenario
