@@ -15,7 +15,7 @@ from ..core.options import PLAY, option
 from ..core.validation import check_count
 from ..errors import FilmError
 from ..recording import Recording, Replay
-from ..recording.reader import last_tick, rows_of
+from ..recording.replay import last_tick, rows_of
 from ..rendering.layers import FILM_LAYERS, select
 from ..rendering.layers.layer import Layer
 from ..rendering.rgb import FPS, checked_layers

@@ -26,7 +26,7 @@ from ..core.options import MACHINE, OUTPUT
 from ..errors import ClusterError, RecordingError, ReplayError, UsageError, needed
 from ..progress import Progress
 from ..recording import Recording, Replay
-from ..recording.reader import last_tick, rows_of
+from ..recording.replay import last_tick, rows_of
 from ..rendering.video.writer import check_film
 from ..rollout.local import RolloutTask
 from ..rollout.policies import POLICIES

@@ -1,11 +1,8 @@
 """Recording: the inputs of each tick are written to a file, with a digest of the state after the tick."""
 
-import contextlib
-import json
-import math
 import os
 import platform
-import time
+import warnings
 import weakref
 from collections.abc import Callable
 from pathlib import Path
@@ -14,24 +11,47 @@ from typing import Any, Self
 
 import numpy as np
 
-from outlast.ecs import RESET, STEP, Clock, Worlds
+from outlast.ecs import RESET, STEP, Clock
 from outlast.ecs.memory.numbers import GIVEN_WORDS, Given
 
 from ..core.validation import Array
+from ..core.vector_env import SurvivalVectorEnv
 from ..errors import RecordingError
+from ..rollout.memory import Begins, tell
 from ..scenarios.fingerprint import classes, fingerprint
-from ..scenarios.scenario import Scenario
-from ..storage.atomic_write import add, remove, temporary_path
-from ..storage.interrupts import interrupts_held
-from ..storage.outputs import check_file
-from .container import DONE, HEAD, MAGIC, RECORDS, encode_chunk
 from .digests import WORLDS_PER_DIGEST, Digests
-from .policy_record import PolicyRecorder
-from .tick_records import JointActions, TickFormat, TickRecord, encode_policies, encode_ticks
+from .file_format import JointActions, RecordingWriter, TickRecord, policy_dtype
 
-MAX_PENDING_BYTES = 2**19  # of waiting tick records; a killed process loses them
-MAX_PENDING_SECONDS = 5.0  # maximum wait of tick records, which are then written with the next tick
-FLAGS = os.O_WRONLY | getattr(os, "O_BINARY", 0)
+
+class PolicyRecorder:
+    """A record of a policy's choices before each tick of an environment. For arguments and errors see `record`.
+
+    The policy's method `explainer` returns a function from observations to values (worlds, agents), probabilities
+    (worlds, agents, values) and attention (worlds, agents, rows). Its attribute `entities` has the key of the
+    observation and the number of rows of each kind that it attends to; with a memory, it also has `reset`.
+    """
+
+    def __init__(self, env: SurvivalVectorEnv, policy: Any, plays: Callable[[], Array] | None = None) -> None:
+        if not hasattr(policy, "explainer"):
+            raise RecordingError(
+                "the policy does not report the probabilities of its choices, so it cannot be recorded: only "
+                "saved policies do, a FILE.zip, a FILE.safetensors or what outlast.load_policy returns"
+            )
+        policy.check(env)
+        self._env, self._plays, self._begins = env, plays, Begins(env)
+        self._explain = policy.explainer()
+        self.header = {"entities": [list(entry) for entry in self._explain.entities]}
+        self.dtype = policy_dtype([["", 0, int(size)] for size in env.action_sizes], self.header)
+
+    def look(self, steps: Array) -> Array:
+        """Return the record of its present choices: dtype (worlds, agents), of the worlds `steps`, bool (worlds,)."""
+        found = np.zeros((self._env.num_worlds, self._env.num_agents), self.dtype)
+        if steps.any():
+            tell(self._explain, self._begins.look())
+            found["value"], found["probabilities"], found["attention"] = self._explain(self._env._reader.views)
+            if self._plays is not None:
+                found[~np.asarray(self._plays())] = np.full((), np.nan, self.dtype)
+        return found[steps]
 
 
 class Recorder:
@@ -44,34 +64,35 @@ class Recorder:
 
     def __init__(
         self,
+        env: SurvivalVectorEnv,
         path: str | os.PathLike[str],
-        scenario: Scenario,
-        worlds: Worlds,
-        first_world: int = 0,
-        policy: PolicyRecorder | None = None,
-        wait: Callable[[], None] = lambda: None,
-        episodes: int | None = None,
-        played: dict[str, Any] | None = None,
+        policy: PolicyRecorder | None,
+        episodes: int | None,
+        played: dict[str, Any] | None,
     ) -> None:
-        """wait: A function that returns when no tick runs in the background or is about to. The rest: see `record`."""
-        self.path, self._worlds, self._policy, self._wait = Path(path), worlds, policy, wait
-        self._joint_actions, self._digests = JointActions(worlds), Digests(worlds)
-        form = TickFormat(
-            *(worlds.count, worlds.dims["agents"], self._joint_actions.count),
-            *(len(self._digests.names), self._digests.period),
-            policy.dtype if policy else None,
-            worlds.dims.get(GIVEN_WORDS, 0),
-        )
-        header = _header(scenario, form, self._joint_actions, self._digests) | {"first_world": first_world}
+        import outlast  # imported here, since it imports this package
+
+        self.path, self._worlds, self._policy, self._wait = Path(path), env.worlds, policy, env._guard.wait
+        self._joint_actions, self._digests = JointActions(env.worlds), Digests(env.worlds)
+        header = {
+            "outlast": outlast.__version__,
+            "machine": f"{platform.system()} {platform.machine()}",
+            "scenario": fingerprint(env.scenario),
+            "modules": classes(env.scenario),
+            "given": env.worlds.dims.get(GIVEN_WORDS, 0),
+            "worlds": env.worlds.count,
+            "agents": env.worlds.dims["agents"],
+            "actions": [list(column) for column in self._joint_actions.columns],
+            "digests": {"components": self._digests.names, "worlds": WORLDS_PER_DIGEST, "repeat": self._digests.period},
+            "first_world": env.first_world,
+        }
         more = {"episodes": episodes, "played": played, "policy": policy and policy.header}
-        header |= {name: value for name, value in more.items() if value is not None}
-        self._file = _Appender(self.path, header, form)
+        self._file = RecordingWriter(self.path, header | {name: own for name, own in more.items() if own is not None})
         # closes the file even if the process ends without close()
         self._finalizer = weakref.finalize(self, self._file.close)
         self._owner = os.getpid()
         self._continuous = False  # whether the worlds are in the state after the last recorded tick
-        self._no_keys = np.zeros((0, form.key_size), np.uint64)
-        self._keyed = np.zeros((worlds.count, form.key_size - 1), np.uint64)  # the recorded keys of each world
+        self._keyed = np.zeros_like(self._keys())  # the recorded keys of each world
 
     @property
     def recording(self) -> bool:
@@ -104,12 +125,14 @@ class Recorder:
 
     def before(self, mode: Array) -> None:
         """Record the inputs of the tick."""
-        steps, keys = mode == STEP, self._no_keys
-        # given numbers may change between two ticks
+        steps, keys = mode == STEP, self._keyed[:0]
         if steps.all() and Given not in self._worlds:
             codes = self._joint_actions.encode(self._worlds.actions)
-        else:
-            codes, keys = self._joint_actions.encode(self._worlds.actions[:, steps]), self._new_keys()
+        else:  # keys that do not follow from the recording so far: given numbers may change between two ticks
+            codes, now = self._joint_actions.encode(self._worlds.actions[:, steps]), self._keys()
+            rows = np.flatnonzero((now != self._keyed).any(1) | (not self._continuous))
+            keys = np.concatenate([rows[:, None].astype(np.uint64), now[rows]], 1)
+            self._keyed[rows] = now[rows]
         thought = self._policy.look(steps) if self._policy else None  # about the observations before the tick
         self._continuous, self._begun = False, (codes, keys, thought)
 
@@ -144,115 +167,52 @@ class Recorder:
         given = [self._worlds[Given].words] if Given in self._worlds else []
         return np.concatenate([clock.seed, clock.world, clock.episode, *given], 1)
 
-    def _new_keys(self) -> Array:
-        """Return the keys that do not follow from the recording so far, and mark them as recorded."""
-        now = self._keys()
-        rows = np.flatnonzero((now != self._keyed).any(1) | (not self._continuous))
-        self._keyed[rows] = now[rows]
-        return np.concatenate([rows[:, None].astype(np.uint64), now[rows]], 1)
 
+def record(
+    env: SurvivalVectorEnv,
+    path: str | os.PathLike[str],
+    *,
+    policy: Any = None,
+    plays: Callable[[], Any] | None = None,
+    episodes: int | None = None,
+    played: dict[str, Any] | None = None,
+) -> Recorder:
+    """Record `env` from its next reset on, which must reset all worlds.
 
-class _Appender:
-    """A file to which chunks of tick records are appended. Chunks that were written are never touched again.
+    Until the recording is closed, `set_state` is refused, as is changing numbers that do not vary, and actions are
+    checked even if check_actions is False. Ends that an adapter adds (stop_when) are not recorded, and a UserWarning
+    reports it: in the recording, those episodes break off.
 
-    Its state is replaced at once when a chunk is in the file. So Ctrl-C, at any time, neither loses ticks
-    nor writes them twice: an incomplete chunk is written again from its beginning.
+    Args:
+        env: The environment itself: `wrapper.unwrapped` of a gymnasium wrapper.
+        path: A new file.
+        policy: A policy from `outlast.load_policy`. What it thinks before every tick is recorded, too: the
+            probabilities of its actions, the value that it expects, and what it attends to. For that it is called an
+            additional time, for any policy that acts. None: record no policy.
+        plays: A function that returns whether it plays each agent at present, bool (worlds, agents). None: all.
+        episodes: Number of first episodes of each world that are counted; 0: all that end. A replay counts the
+            same. None: it counts the first of each world, if each has one.
+        played: Who plays, if a person does: "agent", the number of theirs, and "others", the name of its opponent.
 
-    It is a temporary file until the first tick is in it, which is written at once: so no file without ticks is in the
-    way of the next command, even if this process is refused something else, or is killed.
+    Returns:
+        The recorder. Use it as a context manager, or close either it or the environment.
+
+    Raises:
+        RecordingError: The file exists or cannot be written, `env` is being recorded already or has numbers changed by
+            set_numbers, or the policy cannot report its probabilities.
+        TrainingError: The policy does not fit the environment.
+        TypeError: `env` is not a SurvivalVectorEnv.
     """
-
-    def __init__(self, path: Path, header: dict[str, Any], form: TickFormat) -> None:
-        self._form, self._owner, self._since = form, os.getpid(), -math.inf
-        target = Path(os.path.realpath(check_file(path, "recordings", RecordingError, new=True)))
-        self._target: Path | None = target  # where the file goes; None: it exists
-        self._place = temporary_path(target)
-        # offset of the end, ticks in the file, tick records that wait
-        self._state: tuple[int, int, list[TickRecord]] = (0, 0, [])
-        self._pending_bytes, self._descriptor = 0, -1
-        try:
-            self._descriptor = os.open(self._place, FLAGS | os.O_CREAT | os.O_EXCL, 0o666)
-            self._write(MAGIC + encode_chunk(HEAD, json.dumps(header).encode(), 0, 0), 0)
-        except OSError as error:
-            raise RecordingError(f"{path} cannot be written: {error.strerror}") from None
-        finally:
-            if not self._state[0]:
-                self.abandon()
-
-    @property
-    def written(self) -> int:
-        """Ticks in the file, if it exists."""
-        return self._state[1] if self._target is None else 0
-
-    @property
-    def ticks(self) -> int:
-        """Ticks in the file and waiting ones."""
-        return self._state[1] + len(self._state[2])
-
-    def append(self, record: TickRecord) -> None:
-        """Append a tick. Raises OSError if the file cannot be written."""
-        self._state[2].append(record)
-        self._pending_bytes += record.nbytes
-        if self._pending_bytes >= MAX_PENDING_BYTES or time.monotonic() - self._since > MAX_PENDING_SECONDS:
-            self._flush()
-
-    def close(self) -> None:
-        """Write waiting ticks and DONE, and close the file. Raises OSError, after closing, if it cannot be written."""
-        if os.getpid() != self._owner:
-            os.close(self._descriptor)
-            return
-        try:
-            self._flush()
-            self._write(encode_chunk(DONE, b"", 0, self.ticks), 0)
-        finally:
-            self.abandon()
-
-    def abandon(self) -> None:
-        """Close the file, and leave only complete chunks in it; without ticks, leave no file."""
-        if self._descriptor >= 0:
-            with contextlib.suppress(OSError):
-                os.ftruncate(self._descriptor, self._state[0])
-            os.close(self._descriptor)
-        if self._target is not None:
-            remove(self._place)
-
-    def _flush(self) -> None:
-        _, first, pending = self._state
-        if pending:
-            content, count = encode_ticks(pending, self._form), len(pending)
-            self._write(encode_chunk(RECORDS, content, count, first, encode_policies(pending)), count)
-            if self._target is not None:
-                self._appear(self._target)
-        self._pending_bytes, self._since = 0, time.monotonic()
-
-    def _appear(self, target: Path) -> None:
-        """Give the file its name. Raises OSError, as if another process has written one of that name."""
-        with interrupts_held():
-            os.close(self._descriptor)  # on Windows, files that are open cannot be renamed
-            self._descriptor = -1
-            add(self._place, target)
-            self._descriptor, self._target = os.open(target, FLAGS), None
-
-    def _write(self, content: bytes, ticks: int) -> None:
-        offset, first, _ = self._state
-        os.lseek(self._descriptor, offset, os.SEEK_SET)
-        rest = memoryview(content)
-        while rest:
-            rest = rest[os.write(self._descriptor, rest) :]
-        self._state = (offset + len(content), first + ticks, [])
-
-
-def _header(scenario: Scenario, form: TickFormat, joint_actions: JointActions, digests: Digests) -> dict[str, Any]:
-    import outlast  # imported here, since it imports this package
-
-    return {
-        "outlast": outlast.__version__,
-        "machine": f"{platform.system()} {platform.machine()}",
-        "scenario": fingerprint(scenario),
-        "modules": classes(scenario),
-        "given": form.given,
-        "worlds": form.worlds,
-        "agents": form.agents,
-        "actions": [list(column) for column in joint_actions.columns],
-        "digests": {"components": digests.names, "worlds": WORLDS_PER_DIGEST, "repeat": digests.period},
-    }
+    if not isinstance(env, SurvivalVectorEnv):
+        raise TypeError(
+            f"record() needs an environment of make_vec, not {type(env).__name__}: give env.unwrapped of a gymnasium "
+            "wrapper, or env.base_env of an adapter"
+        )
+    if env._stops is not None:
+        warnings.warn(
+            "ends that an adapter adds (its learner's death, max_episode_steps) are in no recording: in replays and "
+            "datasets these episodes just break off",
+            stacklevel=2,
+        )
+    thoughts = None if policy is None else PolicyRecorder(env, policy, plays)
+    return env.add_observer(lambda: Recorder(env, path, thoughts, episodes, played))

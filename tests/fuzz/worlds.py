@@ -20,8 +20,8 @@ from outlast.ecs import Worlds
 from outlast.envs.cli.main import main
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import FaultError, RecordingError, StateError
-from outlast.envs.recording import Recording, recorder
-from outlast.envs.recording.container import FIELDS, HEAD, MAGIC, RECORDS, encode_chunk, read_chunks, read_content
+from outlast.envs.recording import Recording, file_format
+from outlast.envs.recording.file_format import FIELDS, HEAD, MAGIC, RECORDS, encode_chunk, read_chunks, read_content
 from outlast.envs.snapshots.state import HEADER, VERSION, State, _checksum
 from tests.conftest import digest, draw_actions
 from tests.fuzz.mutations import (
@@ -164,10 +164,10 @@ class Recordings:
 
     def __init__(self) -> None:
         self.folder = folder_of(self)
-        limit, recorder.MAX_PENDING_BYTES = recorder.MAX_PENDING_BYTES, 400
+        limit, file_format.MAX_PENDING_BYTES = file_format.MAX_PENDING_BYTES, 400
         self.files = [self._recorded(outlast.variant(name), k) for k, name in enumerate(("ffa_1", "teams_3"))]
         self.files.append(self._recorded(outlast.variant("ffa_1"), 2, Thinker()))
-        recorder.MAX_PENDING_BYTES = limit
+        file_format.MAX_PENDING_BYTES = limit
         self.valid = self.files[0]
         self.compiled: dict[Any, bool] = {}
 

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 import outlast
-from outlast.envs.recording import Recording, Replay, recorder
-from outlast.envs.recording.container import HEAD, MAGIC, encode_chunk, read_chunks, read_content
+from outlast.envs.recording import Recording, Replay, file_format
+from outlast.envs.recording.file_format import HEAD, MAGIC, encode_chunk, read_chunks, read_content
 from outlast.envs.rollout.policies import random_policy
 from tests.helpers.thinker import ENTITIES, Thinker
 
 
 @pytest.fixture
 def short_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(recorder, "MAX_PENDING_BYTES", 3000)
+    monkeypatch.setattr(file_format, "MAX_PENDING_BYTES", 3000)
 
 
 def recorded(path: Path, plays: Callable[[Any], Any] | None = None) -> list[tuple[Any, Any, Any]]:

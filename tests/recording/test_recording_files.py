@@ -12,19 +12,19 @@ import pytest
 
 from outlast.envs.cli.main import main
 from outlast.envs.errors import RecordingError
-from outlast.envs.recording import Recording, reader, recorder
-from outlast.envs.recording.container import DONE, HEAD, HEADER_SIZE, MAGIC, RECORDS, encode_chunk
+from outlast.envs.recording import Recording, file_format, replay
+from outlast.envs.recording.file_format import DONE, HEAD, HEADER_SIZE, MAGIC, RECORDS, encode_chunk
 from tests.recording.test_recording import recorded, replayed_ticks
 
 
 @pytest.fixture(scope="module")
 def small(tmp_path_factory: Any) -> bytes:
     folder = tmp_path_factory.mktemp("small")
-    largest, recorder.MAX_PENDING_BYTES = recorder.MAX_PENDING_BYTES, 300
+    largest, file_format.MAX_PENDING_BYTES = file_format.MAX_PENDING_BYTES, 300
     try:
         return recorded(folder / "a.rec", 12, worlds=1).read_bytes()
     finally:
-        recorder.MAX_PENDING_BYTES = largest
+        file_format.MAX_PENDING_BYTES = largest
 
 
 def opened(path: Path) -> Recording | str:
@@ -118,8 +118,8 @@ def header(small: bytes, **changes: Any) -> bytes:
 def test_large_worlds_of_a_file_that_is_trusted(small: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.rec"
     path.write_bytes(small)
-    monkeypatch.setattr(reader, "MAX_WORLDS_BYTES", 0)
-    monkeypatch.setattr(reader, "MORE_FOR_EACH_BYTE", 0)
+    monkeypatch.setattr(replay, "MAX_WORLDS_BYTES", 0)
+    monkeypatch.setattr(replay, "MORE_FOR_EACH_BYTE", 0)
     with pytest.raises(RecordingError, match=r"trust=True\) or replay --trust"):
         Recording.open(path)
     assert len(Recording.open(path, trust=True)) > 0

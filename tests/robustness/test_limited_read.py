@@ -14,7 +14,7 @@ from outlast import levels
 from outlast.ecs import NumberError
 from outlast.envs.cli.main import main
 from outlast.envs.errors import MessageError, RecordingError, ScenarioError
-from outlast.envs.recording.container import DONE, HEAD, MAGIC, encode_chunk
+from outlast.envs.recording.file_format import DONE, HEAD, MAGIC, encode_chunk
 from outlast.envs.scenarios.floor_plan import FloorPlan
 from outlast.envs.scenarios.parse import with_roles
 from outlast.envs.storage import limited_read
@@ -122,7 +122,7 @@ def test_the_log_of_a_run_has_a_limit(tmp_path: Path, monkeypatch: pytest.Monkey
 
 
 def test_a_chunk_of_a_recording_has_a_limit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("outlast.envs.recording.container.LARGEST_CHUNK", 100)
+    monkeypatch.setattr("outlast.envs.recording.file_format.LARGEST_CHUNK", 100)
     path = tmp_path / "a.rec"
     path.write_bytes(MAGIC + encode_chunk(HEAD, os.urandom(200), 0, 0) + encode_chunk(DONE, b"", 0, 0))
     with pytest.raises(RecordingError, match=r"a\.rec: the chunk at byte 20 has 2\d\d bytes; at most 100 are possible"):

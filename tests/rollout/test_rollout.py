@@ -13,7 +13,7 @@ import outlast
 from outlast.ecs import NumberError
 from outlast.envs.cli import main as cli
 from outlast.envs.errors import EndlessError, RecordingError, UsageError
-from outlast.envs.recording.recorder import _Appender
+from outlast.envs.recording.file_format import RecordingWriter
 from outlast.envs.rollout import local as rollouts
 from outlast.envs.rollout import table_file
 from outlast.envs.rollout.local import MAX_BATCH, RolloutTask, rollout, run_task, split_worlds
@@ -295,11 +295,11 @@ def test_a_full_disk_costs_no_statistics(capsys, tmp_path: Path, monkeypatch) ->
     def full(*_: Any) -> None:
         raise OSError(28, "No space left on device")
 
-    def full_later(file: _Appender) -> None:
+    def full_later(file: RecordingWriter) -> None:
         flush(file) if not file.written else full()
 
-    flush = _Appender._flush
-    monkeypatch.setattr(_Appender, "_flush", full_later)
+    flush = RecordingWriter._flush
+    monkeypatch.setattr(RecordingWriter, "_flush", full_later)
     monkeypatch.setattr(table_file.TableFile, "flush", full)
     for option, name in (("--record", "a.rec"), ("--csv", "a.csv"), ("--events", "b.csv")):
         status, out, err = run(capsys, *COMMAND, option, tmp_path / name)

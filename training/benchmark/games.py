@@ -21,7 +21,7 @@ import numpy as np
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import RecordingError
 from outlast.envs.recording.digests import Digests
-from outlast.envs.recording.tick_records import JointActions
+from outlast.envs.recording.file_format import JointActions
 from outlast.envs.storage import safe_npz
 
 from ..arena.evaluation import Evaluation

@@ -65,7 +65,7 @@ class PageRoom:
 def columns(description: Json, snapshot: Json, thoughts: Array | None = None) -> dict[str, list[int]]:
     """Return the numbers of a snapshot by column. -1: empty slots, and bitsets of agents that see everything.
 
-    thoughts: policy_record.policy_dtype (agents,), if the description has `entities`.
+    thoughts: file_format.policy_dtype (agents,), if the description has `entities`.
     """
     agents, objects, slots = snapshot["agents"], snapshot["objects"], description["slots"]
     words = -(-(len(agents) + len(objects)) // WORD)  # numbers of a bitset of all bodies
