@@ -24,8 +24,8 @@ from .scenarios.derivation import in_full
 from .scenarios.parse import resolve
 from .scenarios.scenario import Scenario
 from .storage import strict_json
-from .storage.atomic_write import atomic_write
 from .storage.limited_read import read_text
+from .storage.outputs import atomic_write
 
 VERSION = 1
 KEYS, LEVEL_KEYS = ("version", "varied", "levels"), ("numbers", "key")

@@ -25,7 +25,7 @@ import numpy as np
 from outlast import VARIANTS, make_vec
 from outlast.envs.adapters.registry import IDS
 from outlast.envs.core.vector_env import SurvivalVectorEnv
-from outlast.envs.storage.atomic_write import atomic_write
+from outlast.envs.storage.outputs import atomic_write
 from outlast.systems import box2d
 
 FILE = Path(__file__).parent / "golden" / "digests.json"

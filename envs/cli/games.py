@@ -25,8 +25,7 @@ from ..scenarios.floor_plan import GENERATORS, LAYOUT, FloorPlan, in_words
 from ..scenarios.imports import installed, package, scenario_of_package
 from ..scenarios.number_table import NumberRow, scenario_rows
 from ..scenarios.variants import ABLATIONS, ALIASES, VARIANTS
-from ..storage.atomic_write import atomic_write
-from ..storage.outputs import check_file, written_to
+from ..storage.outputs import atomic_write, check_file, written_to
 from ..text_table import terminal_width, text_table
 from .grammar import add_command
 from .options import VARIANT, add_changes, add_number, add_options, add_scenario, given_options, output, path, scenario

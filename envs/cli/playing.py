@@ -35,8 +35,7 @@ from ..rollout.summary import Summary
 from ..rollout.table_file import check_table, event_file
 from ..scenarios.scenario import Scenario
 from ..scenarios.scenario_json import plain, same_for_all
-from ..storage.atomic_write import atomic_write
-from ..storage.outputs import check_file, written_to
+from ..storage.outputs import atomic_write, check_file, written_to
 from ..text_table import text_table
 from .grammar import Parser, add_command
 from .options import (

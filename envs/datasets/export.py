@@ -9,8 +9,7 @@ import numpy as np
 
 from ..errors import RecordingError
 from ..recording import Replay
-from ..storage.atomic_write import atomic_write
-from ..storage.outputs import check_file, written_to
+from ..storage.outputs import atomic_write, check_file, written_to
 from .samples import Selection, manifest, read_shards
 
 MINARI = "minari:"

@@ -23,7 +23,7 @@ from ..errors import RecordingError, needed
 from ..levels import Level, decoded, encoded
 from ..recording import Replay
 from ..scenarios.fingerprint import rebuilt
-from ..storage import atomic_write
+from ..storage import outputs
 from ..storage.outputs import check_folder, written_to
 from .samples import DatasetSamples, Selection, concatenate, manifest, read_samples
 
@@ -139,7 +139,7 @@ class RecordedEnv(SurvivalEnv):
 def _staged(name: str, place: Path) -> Iterator[None]:
     """Let Minari write into a hidden folder, and move the complete dataset from there to its place."""
     root, kept = Path(get_dataset_path()), os.environ.get(ROOT)
-    hidden = atomic_write.temporary_path(root / place.name)
+    hidden = outputs.temporary_path(root / place.name)
     hidden.mkdir()
     try:
         os.environ[ROOT] = str(hidden)
@@ -148,10 +148,10 @@ def _staged(name: str, place: Path) -> Iterator[None]:
         if (namespace := parse_dataset_id(name)[0]) and namespace not in list_local_namespaces():
             create_namespace(namespace)
         place.parent.mkdir(parents=True, exist_ok=True)
-        atomic_write.replace(hidden / name, place)
+        outputs.replace(hidden / name, place)
     finally:
         _restore(kept)
-        atomic_write.remove(hidden)
+        outputs.remove(hidden)
 
 
 def _restore(kept: str | None) -> None:

@@ -12,7 +12,7 @@ from ..core.observations import number_names
 from ..core.validation import Array
 from ..errors import RecordingError, needed
 from ..recording import Replay
-from ..storage.atomic_write import atomic_write
+from ..storage.outputs import atomic_write
 from .samples import DatasetSamples, Selection, manifest, read_shards
 
 with needed("data", ".parquet files need pyarrow", RecordingError):

@@ -38,9 +38,8 @@ from ..core.validation import Array
 from ..errors import RecordingError
 from ..scenarios.fingerprint import is_fingerprint, is_word
 from ..storage import strict_json
-from ..storage.atomic_write import add, remove, temporary_path
 from ..storage.interrupts import interrupts_held
-from ..storage.outputs import check_file
+from ..storage.outputs import add, check_file, remove, temporary_path
 
 MAGIC = b"outlast recording 1\n"
 HEAD, RECORDS, DONE = b"HEAD", b"RUNS", b"DONE"

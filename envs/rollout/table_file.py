@@ -18,9 +18,8 @@ from ..core.validation import Array, joined
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import UsageError, install
 from ..inspect.event_table import COLUMNS, event_table
-from ..storage.atomic_write import atomic_write
 from ..storage.interrupts import interrupts_held
-from ..storage.outputs import check_file, written_to
+from ..storage.outputs import atomic_write, check_file, written_to
 from .against import PLAYED, Against
 from .summary import MOMENTS, column_names
 

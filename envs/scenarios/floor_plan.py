@@ -23,8 +23,8 @@ from outlast.systems.geometry.plans import are_free, connected, corners
 
 from ..errors import ScenarioError
 from ..storage import strict_json
-from ..storage.atomic_write import atomic_write
 from ..storage.limited_read import read_text
+from ..storage.outputs import atomic_write
 
 Rectangle = tuple[float, float, float, float, float]
 FORMAT, VERSION = "outlast floor plan", 1

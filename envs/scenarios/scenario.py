@@ -19,8 +19,8 @@ from outlast.systems.role_limits import limits
 
 from ..errors import ScenarioError
 from ..storage import strict_json
-from ..storage.atomic_write import atomic_write
 from ..storage.limited_read import read_text
+from ..storage.outputs import atomic_write
 from .derivation import all_replaced, as_filename, by_full_name, defaults, following, in_full, leaders, numbers, titles
 from .scenario_json import added, arguments, as_form
 

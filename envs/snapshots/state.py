@@ -22,7 +22,7 @@ from ..errors import StateError
 from ..scenarios.fingerprint import difference, fingerprint, is_fingerprint
 from ..scenarios.scenario import Scenario
 from ..storage import safe_npz
-from ..storage.atomic_write import atomic_write
+from ..storage.outputs import atomic_write
 from . import validation
 
 VERSION = 1

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from outlast.ecs.kernels.file_lock import try_lock, unlock
 
-from .atomic_write import is_temporary, remove, target_name
+from .outputs import remove, target_name
 
 LOCK, OWNER = ".lock", ".owner"  # names of files: the locked one; without locks, the one that names a process
 OLD = 86_400.0  # seconds after which a temporary file is no longer being written
@@ -22,16 +22,11 @@ class FolderLock:
     It locks a file in the folder, which it opens for writing, as NFS requires. On file systems without locks, a
     file that names the process keeps others out; if the process is killed, the file stays; it is then ignored on the
     same machine, and must be deleted on others.
+
+    does: what its holder does, for messages. writes: patterns of the names of files that only its holder writes.
     """
 
     def __init__(self, folder: Path, does: str = "writes into it", writes: Sequence[str] = ()) -> None:
-        """Prepare the lock.
-
-        Args:
-            folder: The folder.
-            does: Activity of the holder of the lock, for the message of `acquire`.
-            writes: Patterns of the names of the files that only the holder of the lock writes.
-        """
         self.folder, self.does, self.writes = folder, does, writes
         self._handle, self._file, self._owner = -1, folder / LOCK, 0
 
@@ -49,7 +44,7 @@ class FolderLock:
         if not self._lock():
             self._own()
         self._owner = os.getpid()
-        for path in filter(is_temporary, list(self.folder.iterdir())):
+        for path in filter(target_name, list(self.folder.iterdir())):
             own = any(fnmatch.fnmatchcase(target_name(path), pattern) for pattern in self.writes)
             if (own and self._handle >= 0) or time.time() - _written(path) > OLD:
                 remove(path)
@@ -60,9 +55,10 @@ class FolderLock:
         while True:
             handle = os.open(self._file, os.O_RDWR | os.O_CREAT, 0o666)
             locked = try_lock(handle)
-            if locked and _is_at(self._file, handle):
-                self._handle = handle
-                return True
+            with contextlib.suppress(FileNotFoundError):  # the previous holder may have just deleted the file
+                if locked and os.path.samestat(self._file.stat(), os.fstat(handle)):
+                    self._handle = handle
+                    return True
             os.close(handle)
             if locked is None:
                 self._file.unlink(missing_ok=True)
@@ -108,14 +104,6 @@ class FolderLock:
 def is_lock(path: Path) -> bool:
     """Return whether it is a file of a FolderLock, also one that was deleted while a process of NFS had it open."""
     return path.name in (LOCK, OWNER) or path.name.startswith(".nfs")
-
-
-def _is_at(path: Path, handle: int) -> bool:
-    """Return whether an open file is the one at a path, and was not deleted by the previous holder of the lock."""
-    try:
-        return os.path.samestat(path.stat(), os.fstat(handle))
-    except FileNotFoundError:
-        return False
 
 
 def _is_alive(pid: str) -> bool:

@@ -15,9 +15,9 @@ A_MOMENT = 1.0  # a second Ctrl-C within these seconds is ignored: clusters and 
 @contextlib.contextmanager
 def interrupts_held() -> Iterator[None]:
     """Make Ctrl-C wait until the context ends, so that it runs completely. In other threads nothing changes."""
-    came: list[int] = []
+    came = _Collected()
     try:
-        with _handled([signal.SIGINT], _Collect(came)):
+        with _handled([signal.SIGINT], came):
             yield
     finally:
         if came:
@@ -100,9 +100,8 @@ def save_requests() -> Iterator[list[int]]:
     Yields:
         The signals received so far, except in a context inside this one.
     """
-    came: list[int] = []
-    free = [each for each in _numbers("SIGUSR1") if isinstance(signal.getsignal(each), signal.Handlers | _Collect)]
-    with _handled(free, _Collect(came)):
+    free = [each for each in _numbers("SIGUSR1") if isinstance(signal.getsignal(each), signal.Handlers | _Collected)]
+    with _handled(free, came := _Collected()):
         yield came
 
 
@@ -124,14 +123,11 @@ def children_awaited() -> Iterator[None]:
         yield
 
 
-class _Collect:
-    """A handler that collects signals in a list."""
-
-    def __init__(self, came: list[int]) -> None:
-        self.came = came
+class _Collected(list[int]):
+    """Signals, collected by this list itself as their handler."""
 
     def __call__(self, number: int, frame: object) -> None:
-        self.came.append(number)
+        self.append(number)
 
 
 def _numbers(*names: str) -> list[signal.Signals]:

@@ -35,18 +35,8 @@ def read_text(path: str | os.PathLike[str], most: int = LARGEST_TEXT) -> str:
     return io.TextIOWrapper(io.BytesIO(read_bytes(path, most)), encoding="utf-8").read()
 
 
-def read_xz(path: str | os.PathLike[str], most: int = LARGEST_TEXT) -> bytes:
-    """Return the content of an xz file.
-
-    Raises:
-        ValueError: It holds more than `most` bytes, takes more than MEMORY, or is not an xz file.
-        OSError: It cannot be read.
-    """
-    return unpack(read_bytes(path, most), most)
-
-
 def unpack(content: bytes, most: int = LARGEST_TEXT) -> bytes:
-    """Return the unpacked content of an xz file. Raises ValueError like `read_xz`."""
+    """Return the unpacked content of an xz file. ValueError if it is not one, or takes more than `most` or MEMORY."""
     unpacking = lzma.LZMADecompressor(lzma.FORMAT_XZ, MEMORY)
     try:
         found = unpacking.decompress(content, most + 1)

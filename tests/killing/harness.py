@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from outlast.envs.storage.atomic_write import is_temporary
+from outlast.envs.storage.outputs import target_name
 
 ROOT = Path(__file__).resolve().parents[2]
 TIMEOUT = 300  # seconds for one process
@@ -57,12 +57,12 @@ runpy.run_module(module, run_name="__main__", alter_sys=True)
 
 def temporary_files(folder: Path) -> list[Path]:
     """The temporary files in a folder, at any depth."""
-    return [path for path in folder.rglob("*") if is_temporary(path)]
+    return [path for path in folder.rglob("*") if target_name(path)]
 
 
 def visible(folder: Path) -> list[Path]:
     """Everything in a folder but temporary files, sorted by name."""
-    return sorted(path for path in folder.iterdir() if not is_temporary(path))
+    return sorted(path for path in folder.iterdir() if not target_name(path))
 
 
 def same_bytes(path: Path, expected: Path) -> None:

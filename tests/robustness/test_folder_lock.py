@@ -13,8 +13,8 @@ import pytest
 
 from outlast.ecs.kernels import file_lock
 from outlast.envs.storage import folder_lock
-from outlast.envs.storage.atomic_write import temporary_path
 from outlast.envs.storage.folder_lock import OLD, OWNER, FolderLock, is_lock
+from outlast.envs.storage.outputs import temporary_path
 
 fcntl = pytest.importorskip("fcntl", reason="file systems are pretended by means of POSIX")
 real: Callable[[int, int], None] = fcntl.flock

@@ -16,7 +16,7 @@ from outlast.envs.cli.options import Output
 from outlast.envs.errors import RecordingError, UsageError
 from outlast.envs.rendering.video import write_film
 from outlast.envs.rollout import table_file
-from outlast.envs.storage import atomic_write
+from outlast.envs.storage import outputs
 from outlast.envs.storage.outputs import check_file, check_folder
 from tests.conftest import run
 
@@ -186,7 +186,7 @@ def test_a_folder_that_cannot_be_written_into_is_refused(tmp_path: Path, monkeyp
 def test_names_may_be_as_long_as_the_file_system_allows(tmp_path: Path) -> None:
     target = tmp_path / ("ä" * 125 + ".txt")
     check_file(target, "texts", UsageError)
-    with atomic_write.atomic_write(target) as place:
+    with outputs.atomic_write(target) as place:
         place.write_text("whole")
     assert [path.name for path in tmp_path.iterdir()] == [target.name]
 
@@ -209,14 +209,14 @@ def test_a_file_that_another_program_of_windows_has_open_is_waited_for(
         real(path, target)
 
     clock = [0.0]
-    monkeypatch.setattr(atomic_write.time, "monotonic", lambda: clock[0])
-    monkeypatch.setattr(atomic_write.time, "sleep", lambda seconds: clock.append(clock.pop() + seconds))
+    monkeypatch.setattr(outputs.time, "monotonic", lambda: clock[0])
+    monkeypatch.setattr(outputs.time, "sleep", lambda seconds: clock.append(clock.pop() + seconds))
     monkeypatch.setattr(os, "replace", replace)
     target = tmp_path / "run.json"
     target.write_text("old")
     refused = pytest.raises(PermissionError, match=r"Access is denied; another program has it open: '.*run\.json'")
-    with refused if times > 3 else contextlib.nullcontext(), atomic_write.atomic_write(target) as place:
+    with refused if times > 3 else contextlib.nullcontext(), outputs.atomic_write(target) as place:
         place.write_text("new")
     assert target.read_text() == ("old" if times > 3 else "new")
     assert [path.name for path in tmp_path.iterdir()] == ["run.json"]
-    assert (len(calls) == 4) or clock[0] > atomic_write.PATIENCE
+    assert (len(calls) == 4) or clock[0] > outputs.PATIENCE

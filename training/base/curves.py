@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from outlast.envs.storage import strict_json
-from outlast.envs.storage.atomic_write import atomic_write
+from outlast.envs.storage.outputs import atomic_write
 
 from .errors import EmptyRunError, TrainingError
 from .files import packed, read_bytes, read_text, unpacked

@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import TypeVar
 
 from outlast.envs.storage import limited_read
-from outlast.envs.storage.atomic_write import atomic_write
-from outlast.envs.storage.outputs import check_file, check_folder, written_to
+from outlast.envs.storage.outputs import atomic_write, check_file, check_folder, written_to
 
 from .errors import TrainingError
 

@@ -16,7 +16,7 @@ from torch import Tensor
 
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.storage import strict_json
-from outlast.envs.storage.atomic_write import atomic_write
+from outlast.envs.storage.outputs import atomic_write
 
 from ..base import policy_file
 from ..base.errors import TrainingError

@@ -23,9 +23,9 @@ from tensorboard.summary.writer.record_writer import RecordWriter
 from outlast.ecs.kernels.available import available_cores
 from outlast.envs.rollout.saved import CHECKPOINT, ENDINGS, checkpoints, is_saved, models
 from outlast.envs.scenarios.fingerprint import fingerprint
-from outlast.envs.storage.atomic_write import atomic_write, is_temporary
 from outlast.envs.storage.folder_lock import FolderLock, is_lock
 from outlast.envs.storage.interrupts import interrupts_held, one_interrupt, save_requests
+from outlast.envs.storage.outputs import atomic_write, target_name
 
 from ..base import curves, policy_file
 from ..base.config import TrainingConfig, parse_warm_start
@@ -338,7 +338,7 @@ class TrainingRun:
     def _there(self) -> set[str]:
         """Return the names in the folder, except temporary files and the lock."""
         paths = self.folder.iterdir() if self.folder.is_dir() else ()
-        return {path.name for path in paths if not is_temporary(path) and not is_lock(path)}
+        return {path.name for path in paths if not target_name(path) and not is_lock(path)}
 
     def _find_checkpoint(self, there: set[str], resume: bool) -> dict[str, bytes] | None:
         """Return the checkpoint to resume from, if any. there: Names in the folder.

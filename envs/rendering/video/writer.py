@@ -12,7 +12,7 @@ import numpy as np
 from outlast.ecs.kernels.integers import is_whole
 
 from ...errors import FilmError
-from ...storage import atomic_write
+from ...storage import outputs
 from ...storage.interrupts import interrupts_held
 from ...storage.outputs import check_file, check_folder, written_to
 from ..canvas import Image
@@ -108,12 +108,12 @@ def _checked_frames(frames: Iterable[Any], codec: Codec, shapes: list[tuple[int,
 @contextlib.contextmanager
 def _temporary_folder(target: Path) -> Iterator[Path]:
     """Yield a folder on the same disk as the target; it is removed at the end with all that is left in it."""
-    folder = atomic_write.temporary_path(target / target.name if target.is_dir() else target)
+    folder = outputs.temporary_path(target / target.name if target.is_dir() else target)
     folder.mkdir()
     try:
         yield folder
     finally:
-        atomic_write.remove(folder)
+        outputs.remove(folder)
 
 
 def _verify(temporary: Path, codec: Codec, shapes: list[tuple[int, ...]], target: Path) -> None:
@@ -136,11 +136,11 @@ def _replace(temporary: Path, target: Path) -> None:
     Pictures of an earlier film go first: if this process is killed, the folder has no pictures of two films.
     """
     if not target.is_dir():
-        atomic_write.replace(temporary, target)
+        outputs.replace(temporary, target)
         return
     with interrupts_held():
         for file in sorted(target.iterdir(), reverse=True):
             if NUMBERED.fullmatch(file.name):
                 file.unlink()
         for file in sorted(temporary.iterdir()):
-            atomic_write.replace(file, target / file.name)
+            outputs.replace(file, target / file.name)

@@ -15,8 +15,7 @@ from ...inspect.world_json import Json, bodies_of, describe, events, snapshot
 from ...progress import Progress
 from ...recording import Recording, Replay
 from ...recording.replay import last_tick, rows_of
-from ...storage.atomic_write import atomic_write
-from ...storage.outputs import check_file, written_to
+from ...storage.outputs import atomic_write, check_file, written_to
 from ..assets import SHARED, assemble
 from .pack import PACKING, EpisodeTrack, PageRoom, pack
 
