@@ -3,27 +3,43 @@
 A State holds everything that determines the future of its worlds: their blocks of tables, the buffers of actions,
 observations and signals, whether they run, and the events of their last tick. Worlds that continue from it are
 bit-identical to worlds that never stopped.
+
+A state is checked before it is restored: everything used as an index is in range, and booleans are 0 or 1. Compiled
+kernels do not check indices: one out of range would read or write other memory. So outlast's own components declare the
+range of columns that kernels or views use as an index, a length or a part of an address. Other columns do no harm, for
+any content: they are only compared, counted or used in calculations.
+
+Mechanics of your own should also declare the range of columns that hold an index. If they do not, these are not
+checked, and you should only load states from people you trust:
+
+    owner: Array = column("i4", fill=-1, unit="entity")   # a row, -1: none
+    phase: Array = column("i4", low=0, high=7)
+
+A valid state need not be one that can occur in a game: an item may be in two bags, or an agent in a wall.
 """
 
 import functools
 import hashlib
 import json
 import os
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 
-from outlast.ecs import Event, MemoryLayout, Worlds
-from outlast.ecs.declarations.event import zero_unused
+from outlast.components import Bag, Side, Sight
+from outlast.ecs import Component, Entity, Event, MemoryLayout, Place, Singleton, Worlds
+from outlast.ecs.declarations.event import COUNT, EventMemory, table, zero_unused
+from outlast.ecs.memory.given import misfits, wrongly_given
+from outlast.ecs.memory.numbers import Given, Varied
 
 from ..errors import StateError
 from ..scenarios.fingerprint import difference, fingerprint, is_fingerprint
 from ..scenarios.scenario import Scenario
 from ..storage import safe_npz
 from ..storage.outputs import atomic_write
-from . import validation
 
 VERSION = 1
 HEADER = "header"  # the entry of a file that describes the other entries, JSON as bytes
@@ -126,14 +142,14 @@ def snapshot(scenario: Scenario, worlds: Worlds, masks: dict[str, Array], where:
     rows = _rows(worlds, where)
     arrays = {name: array[rows] for name, array in _arrays(worlds, masks).items()}
     counts, lists = (arrays[name] for name in _events(worlds))
-    zero_unused(worlds.layout.events, validation.event_memory(worlds.layout, counts, lists))
+    zero_unused(worlds.layout.events, EventMemory(counts, lists.view(worlds.layout.event_type).reshape(-1)))
     return State(fingerprint(scenario), arrays)
 
 
 def restore(state: State, scenario: Scenario, worlds: Worlds, masks: dict[str, Array], where: Any) -> None:
     """Restore the worlds `where` from `state`, which has one world for each of them, or one for all.
 
-    Raises StateError, before anything is written, if it is of another scenario or not valid (see validation).
+    Raises StateError, before anything is written, if it is of another scenario or not valid.
     """
     if not isinstance(state, State):
         raise StateError(f"{state!r:.60} is not a State, as get_state() returns and State.load() reads")
@@ -154,8 +170,8 @@ def restore(state: State, scenario: Scenario, worlds: Worlds, masks: dict[str, A
             raise StateError(f"the state's array '{name}' is of {len(given)} worlds, and the state of {len(state)}")
     if not len(state):
         return
-    validation.check(worlds.layout, {name: state.arrays[name] for name in arrays})
-    validation.check_events(worlds.layout, *(state.arrays[name] for name in _events(worlds)))
+    _check(worlds.layout, {name: state.arrays[name] for name in arrays})
+    _check_events(worlds.layout, *(state.arrays[name] for name in _events(worlds)))
     for name, array in arrays.items():
         array[rows] = state.arrays[name]
 
@@ -202,3 +218,119 @@ def _checksum(arrays: dict[str, Array]) -> str:
         total.update(f"{name} {array.dtype.str} {array.shape}\n".encode())
         total.update(array.tobytes())
     return total.hexdigest()
+
+
+def _check(layout: MemoryLayout, arrays: dict[str, Array]) -> None:
+    """Raise StateError unless the arrays of a state, including "world", are valid in worlds of that layout."""
+    for name, array in arrays.items():
+        if array.dtype == bool and (array.view(np.uint8) > 1).any():
+            raise StateError(f"the state's array '{name}' holds bytes that are neither 0 nor 1")
+    block = np.ascontiguousarray(arrays["world"])
+    started = arrays.get("started", np.ones(len(block), bool))
+    for what, rows, values, bad, needed in _checked(layout, block, started):
+        if bad.any():
+            w, k, *rest = (int(index) for index in np.argwhere(bad)[0])
+            row = k + (rows.start or 0) if isinstance(rows, slice) else int(rows[k])
+            raise StateError(f"the state's {what} is {values[w, k, *rest]} in world {w}, row {row}: {needed}")
+
+
+def _checked(
+    layout: MemoryLayout, block: Array, started: Array
+) -> Iterator[tuple[str, slice | Array, Array, Array, str]]:
+    """Yield columns, their rows and values (worlds, rows, ...), which of them are not valid, and what is needed.
+
+    Worlds that have not started are reset before anything runs in them, so they may hold initial values. Raises
+    StateError for varied and given numbers that cannot have been drawn, as counts among them are used as indices.
+    """
+    for span in _spans(layout):
+        values = span.values(block)
+        if (bad := (values < span.low) | (values > span.last)).any():
+            bad[~started] &= (values != span.values(layout.initial_image[None]))[~started]
+            yield span.name, span.rows, values, bad, f"{span.low} to {span.last} is needed"
+    if Bag in layout.components:
+        bag, rows = layout.columns(block, Bag), _rows_with(layout, Bag)
+        items, count = bag.items[:, rows], bag.count[:, rows]
+        bad = (items < 0) & (np.arange(items.shape[2]) < count[..., None])
+        yield "Bag.items", rows, items, bad, "a row is needed, as the slot is in use by Bag.count"
+    if Sight in layout.components:
+        visible = layout.columns(block, Sight).visible
+        bad = visible & ~layout.bitset(Entity) != 0
+        yield "Sight.visible", slice(None), visible, bad, "a set of existing rows is needed"
+    identity = layout.columns(block, Entity).identity
+    absent = np.zeros_like(identity, dtype=bool)
+    if layout.keyed:
+        words = layout.columns(block, Varied).words
+        for name, number in layout.varied.items():
+            wrong = started & misfits(number, layout, words[:, number.words])
+            if wrong.any():
+                world = int(wrong.argmax())
+                raise StateError(f"the state's {name} in world {world} is not of {number.distribution!r:.80}")
+            for kind in number.kinds:
+                rows = np.array(layout.spans[kind])
+                absent[:, rows] = rows - rows[0] >= words[:, number.start, None]
+        if wrong_words := wrongly_given(layout, layout.columns(block, Given).words):
+            raise StateError(f"the state's {wrong_words}")
+    bad = started[:, None] & ((identity < 0) != absent)
+    yield "Entity.identity", slice(None), identity, bad, "-1 is needed for absent entities, and only for these"
+    if Side in layout.components:
+        rows = layout.rows(Side)
+        side = layout.columns(block, Side).side[:, rows]
+        bad = started[:, None] & ((side < 0) != absent[:, rows])
+        yield "Side.side", rows, side, bad, f"0 to {layout.dims['sides'] - 1} is needed"
+
+
+def _check_events(layout: MemoryLayout, counts: Array, given: Array) -> None:
+    """Raise StateError unless the events of a state are valid lists.
+
+    counts: int32 (worlds, kinds). given: the lists, uint8 (worlds, bytes).
+    """
+    memory = EventMemory(counts, np.ascontiguousarray(given).view(layout.event_type).reshape(-1))
+    for event in layout.events:
+        found, capacity = table(event, layout.events, memory), layout.dims[event.capacity_dim()]
+        if ((found.count < 0) | (found.count > capacity)).any():
+            raise StateError(f"the state's {event.__name__}.count is not between 0 and {capacity}")
+        for name, column in event.columns.items():
+            if name != COUNT and (ends := column.range(layout.dims)) and found.count.any():
+                values, (low, high) = getattr(found, name), ends
+                used = np.arange(capacity) < found.count
+                if (used & ((values < low) | (values > high)).reshape(*used.shape, -1).any(-1)).any():
+                    raise StateError(f"the state's {event.__name__}.{name} is not between {low} and {high}")
+
+
+@dataclass(frozen=True)
+class _Span:
+    """A column to check: its place in a world, the rows that count, and the smallest and largest number allowed."""
+
+    name: str
+    place: Place
+    dtype: np.dtype[Any]
+    rows: slice | Array
+    low: int
+    last: int
+
+    def values(self, block: Array) -> Array:
+        """Return the values of the column in blocks of worlds, uint8 (worlds, bytes): (worlds, rows, ...)."""
+        inner = np.empty(self.place.shape, self.dtype).strides
+        shape = (len(block), *self.place.shape)
+        column: Array = np.ndarray(shape, self.dtype, block, self.place.offset, (block.strides[0], *inner))
+        return column[:, self.rows]
+
+
+@functools.lru_cache(maxsize=16)
+def _spans(layout: MemoryLayout) -> tuple[_Span, ...]:
+    """Return the columns to check in worlds of that layout; cached, as a search restores single worlds very often."""
+    found = []
+    for place in layout.places:
+        kind, dtype = place.component, np.dtype("u1") if place.dtype == bool else place.dtype
+        if place.offset >= 0 and (ends := kind.columns[place.name].range(layout.dims)):
+            found.append(_Span(f"{kind.__name__}.{place.name}", place, dtype, _rows_with(layout, kind), *ends))
+    return tuple(found)
+
+
+def _rows_with(layout: MemoryLayout, component: type[Component]) -> slice | Array:
+    """Return the rows of entities that have the component: if they are adjacent a slice, which avoids a copy."""
+    if issubclass(component, Singleton):
+        return slice(None)
+    rows = layout.rows(component)
+    together = len(rows) > 0 and rows[-1] - rows[0] == len(rows) - 1
+    return slice(int(rows[0]), int(rows[-1]) + 1) if together else rows
