@@ -21,9 +21,8 @@ from tqdm import tqdm
 from outlast import make_vec
 from outlast.drawing import FILM_LAYERS, LAYERS, CamerasLayer, Layer
 from outlast.ecs import Worlds
+from outlast.envs.rendering.films import CODECS, write_film
 from outlast.envs.rendering.rgb import draw
-from outlast.envs.rendering.video import write_film
-from outlast.envs.rendering.video.codecs import CODECS
 from outlast.envs.rollout.local import ticks
 from outlast.envs.rollout.policies import scripted_policy
 from perf.table import Table, options

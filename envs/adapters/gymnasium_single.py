@@ -12,8 +12,7 @@ from ..core.observations import each
 from ..core.validation import Array, check_choice, keys
 from ..core.vector_env import world_options
 from ..errors import NotResetError
-from ..rendering.rgb import FPS, RENDER_MODES
-from ..rendering.window import Window
+from ..rendering.rgb import FPS, RENDER_MODES, Window
 from ..rollout.lineup import Others, copied_others
 from ..scenarios.known_numbers import Numbers
 from ..scenarios.scenario import Scenario

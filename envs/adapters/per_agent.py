@@ -16,8 +16,7 @@ from ..core.validation import Array, as_array, check_choice, check_count, check_
 from ..core.validation import autoreset_mode as checked_mode
 from ..core.vector_env import Actions, Arrays, BatchedSpaces, SurvivalVectorEnv
 from ..errors import FaultError, NotResetError
-from ..rendering.rgb import Pictured
-from ..rendering.window import Window
+from ..rendering.rgb import Pictured, Window
 from ..scenarios.parse import options_of, resolve
 from ..scenarios.scenario import Scenario
 from ..snapshots.state import State

@@ -20,7 +20,7 @@ from ..core.validation import Array, check_choice, check_count
 from ..core.vector_env import SurvivalVectorEnv, world_options
 from ..errors import ActionError, NotResetError, needed
 from ..rendering import rgb
-from ..rendering.window import Window
+from ..rendering.rgb import Window
 from ..scenarios.known_numbers import Numbers
 from ..scenarios.scenario import Scenario
 from ..snapshots.state import State

@@ -8,7 +8,7 @@ import numpy as np
 from ..core.validation import Array, as_array, check_count, keys
 from ..core.vector_env import Arrays, world_options
 from ..errors import PendingError, needed
-from ..rendering.window import Window
+from ..rendering.rgb import Window
 from ..scenarios.known_numbers import Numbers
 from ..scenarios.parse import checks_keywords
 from ..scenarios.scenario import Scenario

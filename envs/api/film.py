@@ -16,13 +16,12 @@ from ..core.validation import check_count
 from ..errors import FilmError
 from ..recording import Recording, Replay
 from ..recording.replay import last_tick, rows_of
+from ..rendering.canvas import Layer
+from ..rendering.films import check_film, ending, write_film
+from ..rendering.footage import check_pictures, footage
 from ..rendering.layers import FILM_LAYERS, select
-from ..rendering.layers.layer import Layer
 from ..rendering.rgb import FPS, checked_layers
 from ..rendering.scene import Scene
-from ..rendering.video import footage, write_film
-from ..rendering.video.footage import check_pictures
-from ..rendering.video.writer import check_film, ending
 from ..rollout.lineup import Other, Others, entries_of
 from ..rollout.local import ticks
 from ..scenarios.known_numbers import Numbers

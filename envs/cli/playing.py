@@ -27,7 +27,7 @@ from ..errors import ClusterError, RecordingError, ReplayError, UsageError, need
 from ..progress import Progress
 from ..recording import Recording, Replay
 from ..recording.replay import last_tick, rows_of
-from ..rendering.video.writer import check_film
+from ..rendering.films import check_film
 from ..rollout.local import RolloutTask
 from ..rollout.policies import POLICIES
 from ..rollout.saved import models

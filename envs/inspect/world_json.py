@@ -49,11 +49,9 @@ from outlast.components.sight import OMNISCIENT
 from outlast.ecs import Action, AgentRoles, Clock, Component, MemoryLayout, Worlds
 
 from ..core.spaces import published
-from ..rendering.layers.cameras import blind_until, cone_corners, is_see_through, seen_rows
-from ..rendering.layers.lidar import directions, distances
-from ..rendering.layers.others import POINT, has_size, of_kind
-from ..rendering.layers.room import walls
-from ..rendering.scene import Scene
+from ..rendering.bodies import POINT
+from ..rendering.scene import Scene, has_size, of_kind, walls
+from ..rendering.sight import blind_until, cone_corners, directions, distances, is_see_through, seen_rows
 from ..rendering.style import css, ink_on, of_box, of_side
 from .event_table import event_table
 

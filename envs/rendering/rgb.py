@@ -1,7 +1,8 @@
-"""Pictures of a world: RGB for people and videos, characters for terminals."""
+"""Pictures of a world: RGB for people and videos, characters for terminals, and windows that show them."""
 
 import math
 from collections.abc import Iterable, Iterator
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -12,12 +13,12 @@ from outlast.components.health import can_hurt
 from outlast.ecs import Component, Entity, Worlds, checked_worlds
 from outlast.ecs.kernels.integers import is_whole
 
-from .canvas import LARGEST, SMALLEST, Canvas, Image, png
+from ..errors import FilmError, needed
+from . import opencv as cv2
+from .canvas import LARGEST, SMALLEST, Canvas, Image, Layer, Strip, png
 from .layers import LAYERS
-from .layers.layer import Layer, Strip, paint, paint_strips
-from .layers.others import kinds
-from .scene import Scene
-from .style import WALL
+from .scene import Scene, kinds
+from .style import INK, WALL
 
 RENDER_MODES = ("rgb_array", "ansi")  # of environments
 FPS = 30
@@ -48,13 +49,33 @@ def draw(worlds: Worlds, w: int, size: int = 512, layers: Iterable[Layer] | None
     """
     _check("size", size, SMALLEST, LARGEST, "pixels")
     scene = _scene(worlds, w)
-    chosen = checked_layers(LAYERS if layers is None else layers)
-    canvas, shown = Canvas(int(size), scene.half), [layer for layer in chosen if layer.fits(scene)]
+    fitting = [layer for layer in checked_layers(LAYERS if layers is None else layers) if layer.fits(scene)]
+    canvas, size = Canvas(int(size), scene.half), int(size)
     canvas.clear(WALL)
-    image = paint(canvas, [layer for layer in shown if not isinstance(layer, Strip)], scene)
-    strips = sorted((layer for layer in shown if isinstance(layer, Strip)), key=lambda strip: strip.zorder)
-    above, below = (paint_strips(int(size), [s for s in strips if s.above == side], scene) for side in (True, False))
-    return np.vstack([*above, image, *below]) if strips else image
+    image = paint(canvas, [layer for layer in fitting if not isinstance(layer, Strip)], scene)
+    beside: dict[bool, list[Image]] = {True: [], False: []}  # above and below
+    for strip in sorted((layer for layer in fitting if isinstance(layer, Strip)), key=lambda strip: strip.zorder):
+        if pixels := strip.pixels(scene, size):
+            canvas = Canvas(size, size / 2, pixels)
+            canvas.clear(INK)
+            beside[strip.above].append(paint(canvas, [strip], scene))
+    return np.vstack([*beside[True], image, *beside[False]])
+
+
+def paint(canvas: Canvas, layers: Iterable[Layer], scene: Scene) -> Image:
+    """Draw the layers, those of lower zorder first, equal ones in order of their names. Returns the image."""
+    drawn = sorted(layers, key=lambda layer: (layer.zorder, type(layer).__name__))
+    scene.shown |= {component for layer in drawn for component in layer.shows}
+    for layer in drawn:
+        try:
+            layer.draw(canvas, scene)
+        except cv2.error as error:
+            name, found = type(layer).__name__, " ".join(str(error).split()).rpartition("> - ")[2]
+            raise FilmError(
+                f"{name}.draw: OpenCV cannot draw this; colours are (red, green, blue), each from 0 to 255, all else "
+                f"numbers in metres. OpenCV: {found}"
+            ) from error
+    return canvas.image
 
 
 def text(worlds: Worlds, w: int) -> str:
@@ -78,13 +99,16 @@ def text(worlds: Worlds, w: int) -> str:
         for e in scene.living(Body, Shape, component):
             for x, y in _points(scene, e):
                 _put(grid, scene, x, y, sign)
-    alive = set(scene.living(Body, Side))
-    for i, e in enumerate(scene.rows(Body, Side)):
+    alive, agents = set(scene.living(Side)), list[str]()
+    for i, e in enumerate(scene.rows(Side)):
+        sign = NUMBERS[i] if i < len(NUMBERS) else "@"
         if e in alive:
-            _put(grid, scene, scene.body.x[e], scene.body.y[e], _sign(i))
+            _put(grid, scene, scene.body.x[e], scene.body.y[e], sign)
+        if scene[Entity].identity[e] >= 0:
+            agents.append(_about(scene, e, sign, e in alive))
     edge = "+" + "-" * COLUMNS + "+"
     rows = (f"|{''.join(line)}|" for line in grid)
-    return "\n".join([edge, *rows, edge, *_agents(scene)])
+    return "\n".join([edge, *rows, edge, *agents])
 
 
 def render_world(worlds: Worlds, w: int, render_mode: str) -> Any:
@@ -110,6 +134,34 @@ class Pictured:
         """Return world 0 as a PNG of 512 x 512 pixels; None, so that text is shown, if closed or not yet reset."""
         env: Any = getattr(self, "base_env", None) or getattr(self, "vector_env", None) or self
         return None if env.closed or not env._tracker.running[0] else png(draw(env.worlds, 0))
+
+
+class Window:
+    """A window that opens with the first frame and shows at most `fps` frames per second. Needs pygame: ImportError."""
+
+    def __init__(self, fps: int) -> None:
+        with needed("window", "a window needs pygame"):
+            self.pygame: Any = import_module("pygame")  # imported here, as pygame is optional
+        self.fps = fps
+        self.clock = self.pygame.time.Clock()
+        self.surface: Any = None
+
+    def show(self, frame: np.ndarray[Any, Any]) -> None:
+        """Show `frame`, uint8 (height, width, 3)."""
+        if self.surface is None:
+            self.pygame.display.init()
+            self.surface = self.pygame.display.set_mode(frame.shape[1::-1])
+            self.pygame.display.set_caption("outlast")
+        self.pygame.surfarray.blit_array(self.surface, frame.swapaxes(0, 1))
+        self.pygame.event.pump()  # otherwise the system takes the window for dead
+        self.pygame.display.flip()
+        self.clock.tick(self.fps)
+
+    def close(self) -> None:
+        """Close the window. Closing it again does no harm."""
+        if self.surface is not None:
+            self.pygame.display.quit()
+        self.surface = None
 
 
 def _scene(worlds: Worlds, w: int) -> Scene:
@@ -158,21 +210,13 @@ def _spread(half: float, gap: float) -> list[float]:
     return [half * k / count for k in range(-count, count + 1)] if count else [0.0]
 
 
-def _sign(i: int) -> str:
-    return NUMBERS[i] if i < len(NUMBERS) else "@"
-
-
-def _agents(scene: Scene) -> Iterator[str]:
-    """Yield a line for each agent of the episode: sign, side, hit points, what it carries."""
-    alive = set(scene.living(Side))
-    for i, e in enumerate(scene.rows(Side)):
-        if scene[Entity].identity[e] < 0:
-            continue
-        words = [f"{_sign(i)} side {scene[Side].side[e]}"]
-        if e not in alive:
-            words.append("dead")
-        elif Health in scene and can_hurt(scene.worlds.layout):
-            words.append(f"health {scene[Health].points[e]}")
-        if e in alive and Bag in scene:
-            words += [kinds(scene.worlds.layout)[item] for item in scene[Bag].items[e] if item >= 0]
-        yield " ".join(words)
+def _about(scene: Scene, e: int, sign: str, alive: bool) -> str:
+    """Return the line of an agent: sign, side, hit points, what it carries."""
+    words = [f"{sign} side {scene[Side].side[e]}"]
+    if not alive:
+        words.append("dead")
+    elif Health in scene and can_hurt(scene.worlds.layout):
+        words.append(f"health {scene[Health].points[e]}")
+    if alive and Bag in scene:
+        words += [kinds(scene.worlds.layout)[item] for item in scene[Bag].items[e] if item >= 0]
+    return " ".join(words)

@@ -5,17 +5,19 @@ import functools
 import math
 from typing import Any, TypeVar
 
-from outlast.components import Body, Floor, Polygon, Shape, Side, Sides
+from outlast.components import Body, Box, BoxItem, Filter, Floor, Guard, Heal, Polygon, Shape, Side, Sides, Solid
 from outlast.components.agent import side_names
 from outlast.components.look import NOTHING, HasLooks, Look
 from outlast.ecs import Clock, Component, Entity, Event, MemoryLayout, Module, Worlds
 from outlast.ecs.memory.numbers import Number, Varied
 
-from .style import SIZES
+from .style import KINDS, SIZES, Color
 
 M = TypeVar("M", bound=Module)
 
 THINNEST = 1e-9  # metres: half the width of a rectangle without any
+# entities with these are drawn by outlast's own layers, or not at all if those are not shown
+KNOWN = (Side, Box, BoxItem, Heal)
 
 
 class Scene:
@@ -29,19 +31,18 @@ class Scene:
     def __init__(self, worlds: Worlds, w: int) -> None:
         self.worlds, self.w = worlds, w
         self._tables: dict[type[Component], Any] = {}
-        self.body, self.shape = self[Body], self[Shape]
-        self._alive = self[Entity].alive
+        self._prefabs: dict[type[Component], Any] = {}
+        self.body, self.shape, self._alive = self[Body], self[Shape], self[Entity].alive
         self.sides = self._reach()
         self.room = max(self.sides)
         self.half = SIZES.margin * self.room
         self.shown: set[type[Component]] = set()  # components whose entities the picture's layers draw, see Layer.shows
 
     def __getitem__(self, component: type[Component]) -> Any:
-        table = self._tables.get(component)
-        if table is None:
+        if component not in self._tables:
             columns = (column[self.w].tolist() for column in self.worlds[component])
-            table = self._tables[component] = component.Table(*columns)
-        return table
+            self._tables[component] = component.Table(*columns)
+        return self._tables[component]
 
     def __contains__(self, kind: type[Component] | type[Module]) -> bool:
         """Return whether this scenario has the component, or the mechanic."""
@@ -58,8 +59,7 @@ class Scene:
 
     def living(self, *components: type[Component]) -> list[int]:
         """Return the rows of entities that have all of these components and are in the world now."""
-        alive = self._alive
-        return [e for e in _rows(self.worlds.layout, components) if alive[e]]
+        return [e for e in _rows(self.worlds.layout, components) if self._alive[e]]
 
     def rows(self, *components: type[Component]) -> tuple[int, ...]:
         """Return the rows of all entities with all of these components, in the world or not; agents in order of id."""
@@ -85,31 +85,27 @@ class Scene:
             return []
         return list(zip(self[Polygon].x[e], self[Polygon].y[e], strict=True))[:count]
 
-    def placed_corners(self, e: int, grow: float = 0) -> list[tuple[float, float]]:
-        """Return the corners of a polygon where it is, each side moved outwards by `grow` metres."""
-        found, corners = [], self.corners(e)
-        sides = [side_of(one, two) for one, two in zip(corners, corners[1:] + corners[:1], strict=True)]
-        x, y, cosine, sine = self.body.x[e], self.body.y[e], self.body.cosine[e], self.body.sine[e]
-        for k, (a, b) in enumerate(corners):
-            (ux, uy, _), (vx, vy, _) = sides[k - 1], sides[k]
-            far = grow / (1 + ux * vx + uy * vy)
-            a, b = a + far * (ux + vx), b + far * (uy + vy)
-            found.append((x + a * cosine - b * sine, y + a * sine + b * cosine))
-        return found
+    def outline(self, e: int, grow: float = 0, least: float = THINNEST) -> list[tuple[float, float]]:
+        """Return the corners of a polygon or a rectangle where it is, counter-clockwise.
 
-    def outline(self, e: int) -> list[tuple[float, float]]:
-        """Return the corners of a polygon or a rectangle where it is, counter-clockwise."""
-        if corners := self.placed_corners(e):
-            return corners
-        body, x, y = self.body, max(self.shape.half_width[e], THINNEST), max(self.shape.half_height[e], THINNEST)
-        corner = complex(body.cosine[e], body.sine[e])
-        turned = [corner * complex(a, b) for a, b in ((-x, -y), (x, -y), (x, y), (-x, y))]
-        return [(body.x[e] + each.real, body.y[e] + each.imag) for each in turned]
+        Each side is moved outwards by `grow` metres; a rectangle remains at least twice `least` wide.
+        """
+        if corners := self.corners(e):
+            placed, sides = [], _sides(corners)
+            for k, (a, b) in enumerate(corners):
+                (ux, uy, _), (vx, vy, _) = sides[k - 1], sides[k]
+                far = grow / (1 + ux * vx + uy * vy)
+                placed.append((a + far * (ux + vx), b + far * (uy + vy)))
+        else:
+            a, b = (max(least, halves[e] + grow) for halves in (self.shape.half_width, self.shape.half_height))
+            placed = [(-a, -b), (a, -b), (a, b), (-a, b)]
+        x, y, cosine, sine = self.body.x[e], self.body.y[e], self.body.cosine[e], self.body.sine[e]
+        return [(x + a * cosine - b * sine, y + a * sine + b * cosine) for a, b in placed]
 
     def least_half(self, e: int) -> float:
         """Return how far the middle of a body is from its nearest side, metres."""
         if corners := self.corners(e):
-            return min(side_of(one, two)[2] for one, two in zip(corners, corners[1:] + corners[:1], strict=True))
+            return min(far for *_, far in _sides(corners))
         return float(self.shape.radius[e] or min(self.shape.half_width[e], self.shape.half_height[e]))
 
     def side_name(self, side: int) -> str:
@@ -120,9 +116,10 @@ class Scene:
 
     def prefab(self, component: type[Component]) -> Any:
         """Return the table as it is at the start of an episode."""
-        if self.worlds.layout.per_agent or self.worlds.layout.varied:
-            return _table(self.worlds.layout, component, self.worlds.initial_image(self.w))
-        return _birth(self.worlds.layout, component)  # type: ignore[arg-type]  # classes can be hashed
+        if component not in self._prefabs:
+            columns = self.worlds.layout.columns(self.worlds.initial_image(self.w)[None], component)
+            self._prefabs[component] = component.Table(*(column[0].tolist() for column in columns))
+        return self._prefabs[component]
 
     def mechanic(self, kind: type[M], agent: int | None = None) -> M:
         """Return the mechanic of this class with the numbers of this world, or of the agent in a row of it.
@@ -155,21 +152,24 @@ class Scene:
         return reach, reach
 
 
-def side_of(one: tuple[float, float], two: tuple[float, float]) -> tuple[float, float, float]:
-    """Return the outer normal of a side between two corners, counter-clockwise, and how far the origin is inside."""
-    x, y = two[0] - one[0], two[1] - one[1]
-    length = math.hypot(x, y) or 1.0
-    return y / length, -x / length, (one[0] * y - one[1] * x) / length
+def _sides(corners: list[tuple[float, float]]) -> list[tuple[float, float, float]]:
+    """Return the outer normal of the side from each corner to the next, and how far the origin is inside."""
+    found = []
+    for (a, b), (c, d) in zip(corners, corners[1:] + corners[:1], strict=True):
+        x, y = c - a, d - b
+        length = math.hypot(x, y) or 1.0
+        found.append((y / length, -x / length, (a * y - b * x) / length))
+    return found
 
 
 def _in_range(module: Module, numbers: dict[str, Any]) -> dict[str, Any]:
     """Return numbers of a world, clipped to their ranges, as rounding to float32 may have moved them out."""
-    rules = {item.name: item.metadata for item in dataclasses.fields(module)}
-    ends = {name: (rules[name].get("low", -math.inf), rules[name].get("high", math.inf)) for name in numbers}
-    return {
-        name: min(max(value, ends[name][0]), ends[name][1]) if isinstance(value, float) else value
-        for name, value in numbers.items()
-    }
+    clipped = dict(numbers)
+    for item in dataclasses.fields(module):
+        if isinstance(value := numbers.get(item.name), float):
+            low, high = item.metadata.get("low", -math.inf), item.metadata.get("high", math.inf)
+            clipped[item.name] = min(max(value, low), high)
+    return clipped
 
 
 @functools.lru_cache(maxsize=256)
@@ -177,11 +177,59 @@ def _rows(layout: MemoryLayout, components: tuple[type[Component], ...]) -> tupl
     return tuple(layout.rows(*components).tolist())
 
 
+# ---- what bodies are
+
+
+def walls(scene: Scene, living: bool = True) -> list[int]:
+    """Return the rows of walls, in the world or, not `living`, all.
+
+    They are solids that were static when the episode began, without agents, boxes, sensors, and what has a look or a
+    layer of its own: what is locked later stays what it was.
+    """
+    if Solid not in scene:
+        return []
+    shown: set[type[Component]] = {Side, Box, *scene.shown}
+    others = {e for part in shown for e in scene.rows(part)} | scene.looks.keys()
+    dynamic, sensors = scene.prefab(Solid).dynamic, scene.prefab(Filter).sensor if Filter in scene else None
+    rows = scene.living(Body, Shape, Solid) if living else scene.rows(Body, Shape, Solid)
+    return [e for e in rows if not (dynamic[e] or e in others or (sensors and sensors[e]))]
+
+
+def has_size(scene: Scene, e: int) -> bool:
+    """Return whether the entity in this row has a shape with a size."""
+    shape = scene.shape
+    return bool(max(shape.radius[e], shape.half_width[e], shape.half_height[e]) > 0)
+
+
+def owner_of(scene: Scene, item: int) -> int:
+    """Return the side that owns the box of which row `item` is the broken form, -1: none."""
+    return int(scene[Guard].vulnerable_only_to[scene.rows(Box)[scene[BoxItem].index[item]]])
+
+
 @functools.lru_cache(maxsize=64)
-def _birth(layout: MemoryLayout, component: type[Component]) -> Any:
-    return _table(layout, component, layout.initial_image)
+def kinds(layout: MemoryLayout) -> tuple[str, ...]:
+    """Return the name of the kind of each row."""
+    return tuple(kind for kind, span in layout.spans.items() for _ in span)
 
 
-def _table(layout: MemoryLayout, component: type[Component], image: Any) -> Any:
-    """Return the table of a component from the state of a world."""
-    return component.Table(*(tuple(column[0].tolist()) for column in layout.columns(image[None], component)))
+@functools.lru_cache(maxsize=64)
+def _shown_rows(layout: MemoryLayout, shown: frozenset[type[Component]] = frozenset()) -> set[int]:
+    """Return the rows, in the world or not, that have a component by which some layer shows them."""
+    return {e for component in shown.union(KNOWN) for e in layout.rows(component).tolist()}
+
+
+def unknown(scene: Scene, living: bool = True) -> list[int]:
+    """Return the rows of bodies that neither outlast's own layers draw nor any layer that names them in `shows`."""
+    known = _shown_rows(scene.worlds.layout, frozenset(scene.shown))
+    rows = [e for e in (scene.living(Body) if living else scene.rows(Body)) if e not in known]
+    fixed = {*walls(scene, living)} if rows else {}
+    return [e for e in rows if e not in fixed]
+
+
+def of_kind(scene: Scene, e: int) -> Color:
+    """Return the colour of the kind of this row: that of its look, or else one by the order of kinds."""
+    if e in scene.looks and (color := scene.looks[e].color):
+        return color
+    layout = scene.worlds.layout
+    own = [kind for kind, span in layout.spans.items() if _shown_rows(layout).isdisjoint(span)]
+    return KINDS[own.index(kinds(layout)[e]) % len(KINDS)]

@@ -99,10 +99,10 @@ FRAMES = "outlast frames ffa_1 --steps 60 --size 128 --quiet --out {out}"
 
 
 def same_film(path: Path, expected: Path) -> None:
-    from outlast.envs.rendering.video.codecs import CODECS
+    from outlast.envs.rendering.films import CODECS
 
     codec = CODECS[path.suffix]
-    assert codec.read(path) == codec.read(expected) == (61, *SHAPE)
+    assert codec.read(path) == codec.read(expected) == [(*SHAPE, 3)] * 61
 
 
 def prepare_pictures(folder: Path) -> None:
@@ -211,7 +211,7 @@ def prepare_runs(folder: Path) -> None:
 
 def whole_table(path: Path, expected: Path) -> None:
     if path.suffix == ".webm":
-        from outlast.envs.rendering.video.codecs import read_video
+        from outlast.envs.rendering.films import read_video
 
         assert read_video(path) == read_video(expected)
     else:

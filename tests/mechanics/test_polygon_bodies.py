@@ -62,9 +62,9 @@ def test_pictures_have_sides_moved_outwards_or_inwards() -> None:
     row = env.place("wedge", 0, x=2, y=3, angle=np.pi / 2)
     scene = Scene(env.worlds, 0)
     np.testing.assert_allclose(
-        scene.placed_corners(row), [(2 + 2 / 3, 3 + 1 / 3), (2 - 4 / 3, 3 + 1 / 3), (2 + 2 / 3, 3 - 2 / 3)], atol=1e-5
+        scene.outline(row), [(2 + 2 / 3, 3 + 1 / 3), (2 - 4 / 3, 3 + 1 / 3), (2 + 2 / 3, 3 - 2 / 3)], atol=1e-5
     )
-    grown = np.array(scene.placed_corners(row, 0.1))
+    grown = np.array(scene.outline(row, 0.1))
     np.testing.assert_allclose(grown[:2, 1], 3 + 1 / 3 + 0.1, atol=1e-5)
     assert grown[0, 0] == pytest.approx(2 + 2 / 3 + 0.1, abs=1e-5)
     assert scene.least_half(row) == pytest.approx(2 / 3 / np.sqrt(5))

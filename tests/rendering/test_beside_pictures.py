@@ -15,12 +15,10 @@ from outlast.drawing import LAYERS, EndLayer, FeedStrip, Layer, OthersLayer, Sce
 from outlast.ecs import Clock, Entity, Worlds
 from outlast.envs.rendering import style as colors
 from outlast.envs.rendering.canvas import Canvas
-from outlast.envs.rendering.layers.captions import MIDDLE
-from outlast.envs.rendering.layers.end import winner
-from outlast.envs.rendering.layers.layer import paint
-from outlast.envs.rendering.layers.others import of_kind
-from outlast.envs.rendering.rgb import draw
-from outlast.envs.rendering.video.footage import footage
+from outlast.envs.rendering.footage import footage
+from outlast.envs.rendering.rgb import draw, paint
+from outlast.envs.rendering.scene import of_kind
+from outlast.envs.rendering.words import MIDDLE, winner
 from outlast.envs.rollout.local import ticks
 from outlast.envs.rollout.policies import noop_policy
 from tests.helpers.own_bodies import Gem, Mine

@@ -11,8 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from outlast.envs.rendering.video import write_film
-from outlast.envs.rendering.video.codecs import compress
+from outlast.envs.rendering.films import compress, write_film
 
 SUFFIXES = (".mp4", ".webm", ".gif", ".apng", "")
 COUNT = 31

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from outlast.envs.errors import FilmError
-from outlast.envs.rendering.video import codecs, write_film, writer
+from outlast.envs.rendering import films
+from outlast.envs.rendering.films import write_film
 from tests.rendering.test_film import SUFFIXES, Image, frame, frames, needs
 
 MISTAKES: dict[str, tuple[Any, Any, str]] = {
@@ -94,7 +95,7 @@ def test_names_that_are_not_utf_8(tmp_path: Path, suffix: str) -> None:
     folder.mkdir()
     code = """
         import os, sys
-        from outlast.envs.rendering.video import write_film
+        from outlast.envs.rendering.films import write_film
         from tests.rendering.test_film import frames
         there = set(os.listdir("/proc/self/fd"))
         for name in "film", os.fsdecode(b"n\\xff"):
@@ -121,13 +122,13 @@ def test_without_ffmpeg_the_error_says_what_to_do(tmp_path: Path, monkeypatch: p
 @pytest.mark.parametrize("suffix", [".mp4", ".webm", ".gif", ".apng"])
 def test_what_was_written_is_read_back(tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch) -> None:
     needs(suffix)
-    codec = codecs.CODECS[suffix]
+    codec = films.CODECS[suffix]
 
     def careless(path: Path, given: Iterator[Image], fps: int) -> None:
         codec.write(path, given, fps)
         path.write_bytes(path.read_bytes()[: int(0.6 * path.stat().st_size)])
 
-    monkeypatch.setitem(writer.CODECS, suffix, codecs.Codec(careless, codec.read, codec.even))
+    monkeypatch.setitem(films.CODECS, suffix, films.Codec(careless, codec.read, codec.even))
     with pytest.raises(FilmError, match="was not written completely"):
         write_film(tmp_path / f"film{suffix}", frames())
     assert os.listdir(tmp_path) == []

@@ -14,7 +14,7 @@ import outlast
 from outlast.envs.cli import main as cli
 from outlast.envs.cli.options import Output
 from outlast.envs.errors import RecordingError, UsageError
-from outlast.envs.rendering.video import write_film
+from outlast.envs.rendering.films import write_film
 from outlast.envs.rollout import table_file
 from outlast.envs.storage import outputs
 from outlast.envs.storage.outputs import check_file, check_folder

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from outlast.envs.errors import FilmError
-from outlast.envs.rendering.video.codecs import _ffmpeg
+from outlast.envs.rendering.films import _ffmpeg
 from outlast.envs.rollout.policies import POLICIES
 from outlast.envs.storage.interrupts import children_awaited, ignored, interrupts_held, save_requests, stops_as_ctrl_c
 from tests.conftest import interrupted_after, run

@@ -11,8 +11,8 @@ import outlast
 from outlast.ecs import Clock
 from outlast.envs.core.agents import alive, side
 from outlast.envs.errors import ActionError, UsageError
-from outlast.envs.rendering.layers.end import winner
 from outlast.envs.rendering.scene import Scene
+from outlast.envs.rendering.words import winner
 from outlast.envs.rollout.against import Against
 from outlast.envs.rollout.lineup import STREAM, Lineup, checked_entries, draw, own_side, parse_lineup, role_of
 from outlast.envs.rollout.local import rollout

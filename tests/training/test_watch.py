@@ -27,7 +27,7 @@ from outlast.envs import progress
 from outlast.envs.api.film import HOLD
 from outlast.envs.cli.options import messages_shown
 from outlast.envs.progress import Progress
-from outlast.envs.rendering import video
+from outlast.envs.rendering import films
 from outlast.envs.rollout.saved import CHECKPOINT
 from outlast.envs.scenarios.fingerprint import classes, difference, fingerprint
 from outlast.training.base import policy_file
@@ -434,18 +434,18 @@ def test_what_goes_wrong_is_logged_and_ends_nothing(tmp_path: Path, caplog, monk
     def fail(*_: Any) -> None:
         raise errors[-1]
 
-    errors: list[Exception] = [OSError(28, "No space left on device"), video.writer.FilmError("cut short")]
+    errors: list[Exception] = [OSError(28, "No space left on device"), films.FilmError("cut short")]
     broken, policy = tmp_path / "steps_1.zip", KEPT / "ffa_2/original-0.safetensors"
     with caplog.at_level(logging.WARNING, "outlast"):
         for content in (b"", b"PK", b"not a checkpoint"):
             broken.write_bytes(content)
             assert film_checkpoint(broken, tmp_path) == []
         assert film_checkpoint(policy, broken / "films") == []
-        monkeypatch.setattr(video.writer, "_verify", fail)
+        monkeypatch.setattr(films, "_verify", fail)
         while errors:
             assert film_checkpoint(policy, tmp_path) == []
             assert str(errors.pop().args[-1]) in caplog.text
-    monkeypatch.setattr(video.writer, "_verify", lambda *_: signal.raise_signal(signal.SIGINT))
+    monkeypatch.setattr(films, "_verify", lambda *_: signal.raise_signal(signal.SIGINT))
     with pytest.raises(KeyboardInterrupt):
         film_checkpoint(policy, tmp_path)
     assert caplog.text.count("no film of") == 6

@@ -14,9 +14,8 @@ from outlast.envs.core.agents import present, side
 from outlast.envs.errors import PlayError
 from outlast.envs.inspect.observation_text import observation_text
 from outlast.envs.inspect.world_json import describe, snapshot
-from outlast.envs.rendering.layers.end import EndLayer
-from outlast.envs.rendering.layers.scores import ScoresStrip
 from outlast.envs.rendering.rgb import draw, text
+from outlast.envs.rendering.words import EndLayer, ScoresStrip
 from outlast.envs.web.play.game import Game, GamePhase
 from outlast.envs.web.replay import write_page
 from outlast.systems import Maze, Teams

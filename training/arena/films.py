@@ -7,7 +7,7 @@ from pathlib import Path
 
 from outlast.envs.api.film import Looks, write_film_of
 from outlast.envs.recording import Recording, Replay
-from outlast.envs.rendering.layers.title import fits
+from outlast.envs.rendering.words import fits
 from outlast.envs.rollout.lineup import ROLES, role_of
 from outlast.envs.scenarios.scenario import Scenario
 

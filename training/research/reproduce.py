@@ -13,7 +13,7 @@ from outlast.envs.cli.options import STOPPED, add_quiet, nonnegative, output, po
 from outlast.envs.core.options import MACHINE, OUTPUT
 from outlast.envs.errors import FilmError, install
 from outlast.envs.progress import Progress, above_bars
-from outlast.envs.rendering.video.codecs import compress, find_ffmpeg
+from outlast.envs.rendering.films import compress, find_ffmpeg
 from outlast.envs.rollout.saved import newest
 from outlast.envs.scenarios.scenario import Scenario
 

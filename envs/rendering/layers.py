@@ -1,4 +1,4 @@
-"""Layers: a file for each mechanic, as in systems/. A layer reads the tables of one world and draws on a canvas.
+"""The layers of pictures and films by name. A layer reads the tables of one world and draws on a canvas.
 
 @dataclass(frozen=True)
 class MarshLayer(Layer):
@@ -15,46 +15,32 @@ from collections.abc import Sequence
 
 from outlast.ecs.kernels.errors import did_you_mean
 
-from ...errors import FilmError
-from ...scenarios.imports import member_of, module_of
-from .agents import AgentsLayer, IdsLayer
-from .boxes import BoxesLayer, BoxItemsLayer
-from .cameras import CamerasLayer
-from .captions import FeedStrip, KillFeedLayer, StepCounterLayer
-from .end import EndLayer
-from .heals import HealsLayer
-from .health import HealthBarsLayer
-from .inventory import InventoryLayer
-from .layer import Layer
-from .lidar import LidarLayer
-from .melee import HitsLayer, MeleeLayer
-from .others import LegendLayer, LooksLayer, OthersLayer
-from .room import RoomLayer, WallsLayer
-from .scores import ScoresStrip
-from .title import TitleStrip
-from .zone import SafeZoneLayer
+from ..errors import FilmError
+from ..scenarios.imports import member_of, module_of
+from . import bodies, sight, words
+from .canvas import Layer
 
 LAYERS_BY_NAME: dict[str, Layer] = {
-    "room": RoomLayer(),
-    "zone": SafeZoneLayer(),
-    "vision": CamerasLayer(lines=False),
-    "lines": CamerasLayer(cones=False),
-    "lidar": LidarLayer(),
-    "heals": HealsLayer(),
-    "items": BoxItemsLayer(),
-    "others": OthersLayer(),
-    "boxes": BoxesLayer(),
-    "walls": WallsLayer(),
-    "looks": LooksLayer(),
-    "melee": MeleeLayer(),
-    "agents": AgentsLayer(),
-    "ids": IdsLayer(),
-    "hits": HitsLayer(),
-    "health": HealthBarsLayer(),
-    "inventory": InventoryLayer(),
-    "steps": StepCounterLayer(),
-    "legend": LegendLayer(),
-    "feed": KillFeedLayer(),
+    "room": bodies.RoomLayer(),
+    "zone": bodies.SafeZoneLayer(),
+    "vision": sight.CamerasLayer(lines=False),
+    "lines": sight.CamerasLayer(cones=False),
+    "lidar": sight.LidarLayer(),
+    "heals": bodies.HealsLayer(),
+    "items": bodies.BoxItemsLayer(),
+    "others": bodies.OthersLayer(),
+    "boxes": bodies.BoxesLayer(),
+    "walls": bodies.WallsLayer(),
+    "looks": bodies.LooksLayer(),
+    "melee": bodies.MeleeLayer(),
+    "agents": bodies.AgentsLayer(),
+    "ids": bodies.IdsLayer(),
+    "hits": bodies.HitsLayer(),
+    "health": bodies.HealthBarsLayer(),
+    "inventory": bodies.InventoryLayer(),
+    "steps": words.StepCounterLayer(),
+    "legend": words.LegendLayer(),
+    "feed": words.KillFeedLayer(),
 }
 """Every layer of a picture by its short name."""
 
@@ -64,11 +50,11 @@ LAYERS: tuple[Layer, ...] = tuple(layer for name, layer in LAYERS_BY_NAME.items(
 """What is drawn by default."""
 
 FILM_LAYERS_BY_NAME: dict[str, Layer] = {
-    "title": TitleStrip(),
+    "title": words.TitleStrip(),
     **LAYERS_BY_NAME,
-    "end": EndLayer(),
-    "feed": FeedStrip(),
-    "scores": ScoresStrip(),
+    "end": words.EndLayer(),
+    "feed": words.FeedStrip(),
+    "scores": words.ScoresStrip(),
 }
 """The layers of films, for --views: what a picture has in its margin is beside it, where there is more room."""
 

@@ -11,14 +11,12 @@ from outlast.components import End
 from outlast.ecs import Clock, Worlds, checked_worlds
 from outlast.ecs.kernels.integers import is_whole
 
-from ...errors import FilmError
-from ..canvas import LARGEST, SMALLEST, Canvas, Image
-from ..layers import LAYERS
-from ..layers.end import EndLayer
-from ..layers.layer import Layer
-from ..layers.title import LINE, TitleStrip, digit, prefixes, write_ends
-from ..rgb import draw
-from ..style import BLACK, INK
+from ..errors import FilmError
+from .canvas import LARGEST, SMALLEST, Canvas, Image, Layer
+from .layers import LAYERS
+from .rgb import draw
+from .style import BLACK, INK
+from .words import LINE, EndLayer, TitleStrip, digit, prefixes, write_ends
 
 Grid = tuple[int, int]  # rows, columns
 WIDEST = 2**14  # pixels: the longest side of a mosaic, as of films
@@ -85,14 +83,15 @@ class _Reel:
 
     def __init__(self, worlds: Worlds, chosen: list[int], size: int, layers: list[Layer], hold: int) -> None:
         self.worlds, self.chosen, self.size, self.layers, self.hold = worlds, chosen, size, layers, hold
-        self._keyed = [replace(layer, seed=True) if isinstance(layer, TitleStrip) else layer for layer in layers]
         self.marked = any(isinstance(layer, EndLayer) for layer in layers) and End in worlds
         # for worlds at the end of an episode, the clock then
         self.ends: list[tuple[int, ...] | None] = [None] * len(chosen)
 
     def draw(self, k: int) -> Image:
         """Draw the k-th of the chosen worlds."""
-        return draw(self.worlds, self.chosen[k], self.size, self.layers if len(self.seeds()) == 1 else self._keyed)
+        seed, layers = len(self.seeds()) > 1, self.layers
+        layers = [replace(layer, seed=seed) if isinstance(layer, TitleStrip) else layer for layer in layers]
+        return draw(self.worlds, self.chosen[k], self.size, layers)
 
     def seeds(self) -> Image:
         """Return the seeds of the chosen worlds, each once."""
