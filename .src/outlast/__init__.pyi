@@ -24,7 +24,7 @@ from .envs.scenarios.variants import ABLATIONS as ABLATIONS
 from .envs.scenarios.variants import VARIANTS as VARIANTS
 from .envs.scenarios.variants import variant as variant
 from .envs.snapshots.state import State as State
-from .envs.web.replay import replay_page as replay_page
+from .envs.web.pages import replay_page as replay_page
 from .training.arena.evaluation import evaluate as evaluate
 from .training.plots.plot import plot as plot
 from .training.policies.player import load_policy as load_policy

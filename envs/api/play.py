@@ -10,7 +10,7 @@ from typing import Any, Unpack
 from outlast.ecs.kernels.integers import is_whole
 
 from ..core.options import OUTPUT, PLAY, option
-from ..errors import PlayError, needed
+from ..errors import PlayError
 from ..rollout.lineup import Others, entries_of, load_policies
 from ..rollout.saved import text_of
 from ..scenarios.known_numbers import Numbers
@@ -37,7 +37,7 @@ def play(
     record: str | os.PathLike[str] | None = None,
     **numbers: Unpack[Numbers],
 ) -> None:
-    """Serve a page in which a person controls an agent, until Ctrl-C. Needs `pip install 'outlast[view]'`.
+    """Serve a page in which a person controls an agent, until Ctrl-C.
 
     >>> outlast.play("teams_3", others="runs/teams_3-fast-0/steps_0010000000.zip", record="game.rec")
 
@@ -66,12 +66,11 @@ def play(
         UsageError: One of the others does not exist or cannot play there.
         RecordingError: The recording cannot be written.
         PlayError: The agent does not exist, the port is taken, the host is not one of this machine, an allowed place is
-            not of the form NAME:PORT, websockets is not installed, or an event loop is already running, as in a
-            notebook.
+            not of the form NAME:PORT, or an event loop is already running, as in a notebook.
     """
-    with needed("view", "outlast play needs {}", PlayError):
-        from ..web.play.game import Game  # imported here, as they need websockets, which is optional
-        from ..web.play.server import play as serve
+    from ..web.game import Game  # imported here, as only play needs websockets
+    from ..web.game import play as serve
+
     _check(fps, port)
     site = Site(port, host, (allow_hosts,) if isinstance(allow_hosts, str) else tuple(allow_hosts))
     entries = entries_of(others)

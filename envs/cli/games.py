@@ -168,7 +168,7 @@ def draw_layout(options: argparse.Namespace) -> None:
         raise UsageError(f"--out {options.out} is for the floor plan of one world; leave --worlds out, or write a .png")
     if path.suffix == ".png":
         check_pictures(size, near_square(options.worlds), 1)
-    from ..web.replay.write import write_page
+    from ..web.pages import write_page
 
     asked = scenario(options)
     plan = None if options.layout in GENERATORS else FloorPlan.load(options.layout)

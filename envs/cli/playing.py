@@ -141,7 +141,7 @@ def _summary_file(text: str) -> str:
 
 
 def _check_page(path: str) -> None:
-    from ..web.replay.write import checked  # here, as the command loads the page only where it writes one
+    from ..web.pages import checked  # here, as the command loads the page only where it writes one
 
     checked(path)
 
@@ -459,7 +459,7 @@ def _film(options: argparse.Namespace, replayed: Replay) -> int:
 
 
 def _page(options: argparse.Namespace, replayed: Replay) -> int:
-    from ..web.replay import replay_page
+    from ..web.pages import replay_page
 
     beside = None if options.beside is None else _recording(options.beside, options.trust)
     chosen = {"worlds": options.worlds, "first": options.first, "last": options.to}

@@ -104,7 +104,7 @@ class Recording:
         return f"<Recording {self.path}: {self.contents}{', cut off' if self.cut else ''}>"
 
     def _repr_html_(self) -> str:
-        pages = import_module("outlast.envs.web.replay.write")  # imported here, as pages import this package
+        pages = import_module("outlast.envs.web.pages")  # imported here, as pages import this package
         return str(pages.frame(self))
 
     def __len__(self) -> int:

@@ -12,16 +12,9 @@ from typing import Any
 
 from ..rendering import style
 from ..rendering.style import BLACK, BLUE, FLOOR, INK, RIM, SIZES, UNSAFE, WALL, WHITE, css, mix
-from .gate import content_policy
 
-SHARED = (
-    "dom.js",
-    "brush.js",
-    "bodies.js",
-    "sight.js",
-    "world.js",
-    "viewport.js",
-)  # scripts, each after those that it needs
+# scripts, each after those that it needs
+SHARED = ("dom.js", "brush.js", "bodies.js", "sight.js", "world.js", "viewport.js")
 STYLE = "style.css"
 NIGHT = mix(INK, BLACK, 0.45)
 ICON = (
@@ -68,37 +61,37 @@ def constants(**others: Any) -> str:
 
 def assemble(
     title: str,
+    folder: str,
     scripts: Sequence[str],
-    data: str = "",
-    *,
     styles: Sequence[str] = (STYLE,),
+    *,
+    data: str = "",
     connect: str = "'none'",
     **others: Any,
 ) -> str:
-    """Return a page of replays that needs no other file: its template with these scripts and styles inlined.
+    """Return a page that needs no other file: the template in a folder with scripts and styles inlined.
 
     The page's Content-Security-Policy lets only these scripts run.
 
     Args:
         title: Title of the page.
+        folder: The folder of its template and its own files: "play" or "replay".
         scripts: Names of the scripts, each after those that it needs.
-        data: base64, which the scripts find as the text of #data.
         styles: Names of the style sheets; later ones override earlier ones.
+        data: base64, which the scripts find as the text of #data.
         connect: Where the scripts may connect to, as a source of the Content-Security-Policy; by default, nowhere.
         **others: Constants for the scripts, see `constants`.
     """
-    sheet = "\n".join(asset("replay", name) for name in styles)
-    script = "\n".join(['"use strict";', constants(**others), *(asset("replay", name) for name in scripts)])
-    return string.Template(asset("replay", "page.html")).substitute(
-        title=html.escape(title),
-        icon=ICON,
-        policy=content_policy(script=_digest(script), style=_digest(sheet), img="data:", connect=connect),
-        style=sheet,
-        script=script,
-        data=data,
+    sheet = "\n".join(asset(folder, name) for name in styles)
+    script = "\n".join(['"use strict";', constants(**others), *(asset(folder, name) for name in scripts)])
+    script_hash, sheet_hash = (
+        base64.b64encode(hashlib.sha256(source.encode()).digest()).decode() for source in (script, sheet)
     )
-
-
-def _digest(source: str) -> str:
-    """Return the hash by which a Content-Security-Policy allows exactly this inline script or style."""
-    return f"'sha256-{base64.b64encode(hashlib.sha256(source.encode()).digest()).decode()}'"
+    policy = (
+        f"default-src 'none'; script-src 'sha256-{script_hash}'; style-src 'sha256-{sheet_hash}'; img-src data:; "
+        f"connect-src {connect}; base-uri 'none'; form-action 'none'"
+    )
+    template = string.Template(asset(folder, "page.html"))
+    return template.substitute(
+        title=html.escape(title), icon=ICON, policy=policy, style=sheet, script=script, data=data
+    )

@@ -45,6 +45,7 @@ HEADERS = {
     "Referrer-Policy": "no-referrer",
     "X-Content-Type-Options": "nosniff",
     "X-Frame-Options": "DENY",
+    "Content-Security-Policy": "frame-ancestors 'none'",  # pages bring the rest of it along, see assets.assemble
 }
 
 
@@ -108,8 +109,8 @@ class Gate:
     def path(self, request: Any) -> str | None:
         """Return the path after the token; None if the request is refused.
 
-        request: websockets.http11.Request, or a handler of http.server. Only a websocket must name its origin: browsers
-        always send it for websockets, but not for a page that a user opens.
+        request: websockets.http11.Request. Only a websocket must name its origin: browsers always send it for
+        websockets, but not for a page that a user opens.
         """
         hosts, origins = (request.headers.get_all(name) or [] for name in ("Host", "Origin"))
         if len(hosts) != 1 or hosts[0].lower() not in self._hosts:
@@ -122,17 +123,10 @@ class Gate:
         # a proxy may replace the name in one of the two headers only
         return path if all(origin.lower() in self._origins for origin in origins) else None
 
-    def headers(self) -> dict[str, str]:
-        """Return the headers of every answer of a game. Its page may only load from, and connect to, this server."""
-        live = " ".join(origin.replace("http", "ws", 1) for origin in self._origins)
-        policy = content_policy(script="'self'", style="'self'", img="'self' data:", connect=live)
-        return HEADERS | {"Content-Security-Policy": f"{policy}; frame-ancestors 'none'"}
-
-
-def content_policy(**sources: str) -> str:
-    """Return a Content-Security-Policy that allows nothing but these sources: of scripts, styles, pictures ..."""
-    allowed = "; ".join(f"{kind}-src {source}" for kind, source in sources.items())
-    return f"default-src 'none'; {allowed}; base-uri 'none'; form-action 'none'"
+    @property
+    def live(self) -> str:
+        """The addresses of websockets to this server, as a source of a Content-Security-Policy."""
+        return " ".join(origin.replace("http", "ws", 1) for origin in self._origins)
 
 
 class Listener(socket.socket):

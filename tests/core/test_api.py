@@ -156,7 +156,6 @@ assert not {"cv2", "matplotlib", "torch", "stable_baselines3"} & sys.modules.key
 
 def test_a_misspelt_argument_is_not_taken_for_a_number() -> None:
     """Every public function that takes a game with its numbers, as far as the extras are installed."""
-    pytest.importorskip("websockets", reason="needs websockets: outlast[view]")
     members = [
         getattr(place, name, None) for place in (outlast, outlast.adapters) for name in place.__all__ if name != "role"
     ]

@@ -69,7 +69,7 @@ def test_environments_show_their_first_world_once_there_is_one() -> None:
 
 
 def test_recordings_show_a_page_in_a_frame(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from outlast.envs.web.replay import write as notebook
+    from outlast.envs.web import pages as notebook
 
     env = outlast.make_vec("ffa_2", 2, seed=1)
     with outlast.record(env, tmp_path / "two.rec"):

@@ -31,7 +31,7 @@ LARGEST = {"results": 12e6, "tree": 20e6, "wheel": 1.3e6, "archive": 5e6}  # byt
 TOP_LEVEL = {"ecs", "systems", "components", "envs", "training"}
 # Libraries that a module may import though they are not installed.
 OPTIONAL = "PIL benchmarl imageio_ffmpeg matplotlib minari pettingzoo pooch pufferlib pyarrow ray stable_baselines3 "
-OPTIONAL += "tensorboard tensordict torch torchrl websockets"
+OPTIONAL += "tensorboard tensordict torch torchrl"
 
 # Written in two parts, as this file is searched, too.
 PLACES = re.compile(r"(?<![\w.])/(?:wor" + r"k|roo" + r"t)/")

@@ -12,7 +12,7 @@ from outlast.envs.errors import PageError, RecordingError
 from outlast.envs.recording import Replay
 from outlast.envs.rollout.local import rollout
 from outlast.envs.rollout.policies import random_policy
-from outlast.envs.web.replay.write import record_ticks
+from outlast.envs.web.pages import record_ticks
 from tests.conftest import run
 
 

@@ -18,7 +18,7 @@ from outlast.envs.recording.file_format import DONE, HEAD, MAGIC, encode_chunk
 from outlast.envs.scenarios.floor_plan import FloorPlan
 from outlast.envs.scenarios.parse import with_roles
 from outlast.envs.storage import limited_read
-from outlast.envs.web.play import messages
+from outlast.envs.web import game as messages
 from outlast.training.base import curves, policy_file
 from outlast.training.base.errors import TrainingError
 from outlast.training.base.files import packed

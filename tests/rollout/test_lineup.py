@@ -19,7 +19,7 @@ from outlast.envs.rollout.local import rollout
 from outlast.envs.rollout.memory import told
 from outlast.envs.rollout.outcome import Standings, own_wins, shares_beaten, wins
 from outlast.envs.rollout.policies import POLICIES
-from outlast.envs.web.play.game import Game
+from outlast.envs.web.game import Game
 from tests.conftest import run
 from tests.helpers.execution_modes import short
 from tests.helpers.goal import TICK, won_by_points

@@ -16,7 +16,7 @@ from outlast import variant
 from outlast.distributions import integers
 from outlast.envs.cli.main import main
 from outlast.envs.errors import ScenarioError, UsageError
-from outlast.envs.web.play.game import Game
+from outlast.envs.web.game import Game
 from outlast.training.arena.ratings import anchored
 from outlast.training.base import policy_file
 from outlast.training.base.config import TrainingConfig

@@ -10,16 +10,12 @@ from urllib.parse import urlsplit
 
 import cv2
 import numpy as np
-import pytest
+from websockets.sync.client import connect
 
 from outlast.components import Body, Heal, Side
 from outlast.ecs import Entity
 from outlast.envs.rendering.style import HEAL, of_side
-
-pytest.importorskip("websockets", reason="websockets is not installed: pip install 'outlast[view]'")
-from websockets.sync.client import connect
-
-from outlast.envs.web.play.server import play  # as it needs websockets
+from outlast.envs.web.game import play
 
 FPS = 200
 HANDSHAKE = {

@@ -8,9 +8,10 @@ from typing import Any
 import pytest
 
 import outlast
-from outlast.envs.web.play.game import Game
-from outlast.envs.web.replay import write_page
+from outlast.envs.web.game import Game
+from outlast.envs.web.pages import write_page
 from tests.web.browser import STEPS, TITLE, WORLDS, Screen, Truth, environment, listen, ticks
+from tests.web.clients import served
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome")
 
@@ -80,7 +81,5 @@ def game() -> Iterator[Game]:
 
 @pytest.fixture
 def address(game: Game) -> Iterator[str]:
-    from tests.web.clients import served  # which needs websockets
-
     with served(game) as address:
         yield address

@@ -16,8 +16,8 @@ from outlast.envs.inspect.observation_text import observation_text
 from outlast.envs.inspect.world_json import describe, snapshot
 from outlast.envs.rendering.rgb import draw, text
 from outlast.envs.rendering.words import EndLayer, ScoresStrip
-from outlast.envs.web.play.game import Game, GamePhase
-from outlast.envs.web.replay import write_page
+from outlast.envs.web.game import Game, GamePhase
+from outlast.envs.web.pages import write_page
 from outlast.systems import Maze, Teams
 from tests.web.browser import ticks
 from tests.web.clients import served

@@ -17,9 +17,7 @@ from outlast.components import Bag, Body, Health, Reward
 from outlast.ecs import Clock, Entity
 from outlast.envs.errors import PageError
 from outlast.envs.inspect.world_json import describe, snapshot
-from outlast.envs.web.replay import write_page
-from outlast.envs.web.replay.pack import METRE, RADIAN, EpisodeTrack, PageRoom, pack
-from outlast.envs.web.replay.write import _entities, record_ticks
+from outlast.envs.web.pages import METRE, RADIAN, EpisodeTrack, PageRoom, _entities, pack, record_ticks, write_page
 from tests.web.browser import ticks
 
 Json = dict[str, Any]

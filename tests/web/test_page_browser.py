@@ -14,7 +14,7 @@ from outlast import systems
 from outlast.components import Look
 from outlast.ecs import Archetype, Array, Component, Module, column
 from outlast.envs.rendering import style
-from outlast.envs.web.replay import write_page
+from outlast.envs.web.pages import write_page
 from tests.web.browser import Screen, Truth
 
 HALF = style.SIZES.margin * 12.5  # metres from the middle of the canvas to its edge

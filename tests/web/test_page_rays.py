@@ -13,8 +13,7 @@ from outlast.envs.inspect.observation_text import observation_text
 from outlast.envs.inspect.world_json import describe, snapshot
 from outlast.envs.rendering import style as colors
 from outlast.envs.rendering.rgb import draw
-from outlast.envs.web.replay import write_page
-from outlast.envs.web.replay.pack import METRE, columns
+from outlast.envs.web.pages import METRE, columns, write_page
 from outlast.systems import Lidar, Maze, Preparation
 from tests.web.browser import ticks
 

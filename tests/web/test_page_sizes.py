@@ -7,7 +7,7 @@ import pytest
 
 import outlast
 from outlast.envs.core.agents import present
-from outlast.envs.web.replay import write_page
+from outlast.envs.web.pages import write_page
 from outlast.systems import SpawnGrid
 from tests.web.browser import Screen, ticks
 

@@ -12,8 +12,7 @@ from outlast.envs.adapters.gymnasium_single import SurvivalEnv
 from outlast.envs.errors import MessageError
 from outlast.envs.inspect.observation_text import observation_text
 from outlast.envs.rollout.policies import POLICIES
-from outlast.envs.web.play.game import Game, GamePhase
-from outlast.envs.web.play.messages import parse
+from outlast.envs.web.game import Game, GamePhase, parse
 from tests.conftest import digest
 from tests.helpers.remembering import Remembering
 

@@ -2,8 +2,6 @@
 
 import asyncio
 import socket
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,11 +12,9 @@ import outlast
 from outlast.components import Side
 from outlast.envs.cli import main as cli
 from outlast.envs.errors import PlayError, ScenarioError, UsageError
-
-pytest.importorskip("websockets", reason="websockets is not installed: pip install 'outlast[view]'")
+from outlast.envs.web import game as server
+from outlast.envs.web.game import Game
 from outlast.envs.web.gate import Site
-from outlast.envs.web.play import server
-from outlast.envs.web.play.game import Game
 
 
 @pytest.fixture
@@ -86,11 +82,3 @@ def test_a_taken_port_is_reported_in_one_line(capsys: Any) -> None:
         port = taken.getsockname()[1]
         assert cli.main(("play", "ffa_3", "--no-browser", "--port", str(port))) == 2
     assert f"port {port} of 127.0.0.1 is not to be had" in capsys.readouterr().err
-
-
-def test_without_websockets_the_cure_is_reported() -> None:
-    code = "import sys; sys.modules['websockets'] = None; from outlast.envs.cli.main import main; sys.exit(main())"
-    result = subprocess.run([sys.executable, "-c", code, "play", "ffa_3"], capture_output=True, text=True, timeout=60)
-    assert result.returncode == 2
-    assert result.stderr.startswith("outlast: outlast play needs websockets: pip install 'outlast[view]' (")
-    assert "websockets>=14" in result.stderr

@@ -10,7 +10,7 @@ import outlast
 from outlast.components import Body, Heal, Health, Phase, Reward, Side
 from outlast.ecs import Action, Array, Clock, Module, Read, Write, column
 from outlast.envs.rendering.style import SIZES, WHOLE
-from outlast.envs.web.play.game import Game, GamePhase
+from outlast.envs.web.game import Game, GamePhase
 from outlast.systems import Respawn
 from tests.helpers.beasts import Beasts
 from tests.helpers.own_bodies import Mine
@@ -324,7 +324,7 @@ def test_nothing_is_covered_on_small_screens(browser, game, size):
 
 
 def test_a_page_too_many_is_told_so(browser, game, monkeypatch):
-    monkeypatch.setattr("outlast.envs.web.play.session.MAX_PAGES", 1)
+    monkeypatch.setattr("outlast.envs.web.game.MAX_PAGES", 1)
     with served(game, fps=60) as address, browser.new_context() as context:
         first, second = context.new_page(), context.new_page()
         first.goto(address)

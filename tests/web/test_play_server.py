@@ -5,12 +5,11 @@ import time
 from urllib.parse import urlsplit
 
 import pytest
+from websockets.exceptions import ConnectionClosed
 
 from outlast.ecs import Clock
-from outlast.envs.web.play.game import GamePhase
-from tests.web.clients import FPS, HANDSHAKE, Page  # first: skips this file without websockets
-
-from websockets.exceptions import ConnectionClosed  # isort: skip
+from outlast.envs.web.game import GamePhase
+from tests.web.clients import FPS, HANDSHAKE, Page
 
 
 @pytest.mark.parametrize(

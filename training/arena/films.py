@@ -39,7 +39,7 @@ def _show(
     scenario: Scenario, names: Sequence[str], results: MatchResults, recording: Path, target: Path
 ) -> Iterator[Path]:
     """Write the typical episode of a pairing beside `target`: as .webm and .html, each completely or not at all."""
-    from outlast.envs.web.replay import write_page
+    from outlast.envs.web.pages import write_page
 
     world, episode = results.typical()
     first, last = (int(record) for record in results.spans[world, episode])

@@ -38,7 +38,7 @@ def run(options: argparse.Namespace) -> int:
 
         from ..runs.watch import RunWatcher
     from outlast.envs.web.gate import Site, announce
-    from outlast.envs.web.replay.server import serving
+    from outlast.envs.web.server import serving
 
     folder = _run_in(options.run_folder)
     import_files(options)
@@ -47,7 +47,8 @@ def run(options: argparse.Namespace) -> int:
     recorder = threading.Thread(target=watcher.record, args=(stop,), daemon=True)
     recorder.start()
     try:
-        with serving(watcher, printable(str(folder.resolve().name)), site) as address:
+        sources = {"status": watcher.status, "episode": watcher.episode}
+        with serving(printable(str(folder.resolve().name)), sources, site) as address:
             announce(
                 f"{name}: its newest policy plays at {address}\nCtrl-C ends this.", address, not options.no_browser
             )

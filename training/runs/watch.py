@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from outlast.envs.rollout.saved import checkpoints, steps_of
-from outlast.envs.web.replay.pack import PageRoom, pack
-from outlast.envs.web.replay.write import Recorded, record_ticks
+from outlast.envs.web.pages import PageRoom, Recorded, pack, record_ticks
 
 from ..base import curves
 from ..base.errors import TrainingError
@@ -27,7 +26,7 @@ Json = dict[str, Any]
 
 
 class RunWatcher:
-    """A run in a folder, for a page: a Feed of outlast.envs.web.replay.server.
+    """A run in a folder, for its page, which outlast.envs.web.server serves.
 
     Work is done on request only. A checkpoint that cannot be played is reported, and the newest playable one is
     played instead. The first episode grows tick by tick; later ones are available once they are complete.
@@ -36,7 +35,7 @@ class RunWatcher:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.asked = 0.0  # time of the last request, of time.monotonic()
-        self.recorded: Json | None = None  # the newest episode, see Feed
+        self.recorded: Json | None = None  # the newest episode
         self.source: tuple[Path, int] | None = None  # its checkpoint, and the time when that was written
         self.taken = False  # whether a page has fetched it
         self.differs = ""  # difference between the game played and that of training
@@ -45,7 +44,7 @@ class RunWatcher:
         self.lock = threading.Lock()  # protects `log`
 
     def status(self) -> Json:
-        """Return the state of the run: a message, its newest checkpoint, the newest episode's one, and figures."""
+        """Return the state of the run, see watch.js: message, newest {steps, age}, episode {number, steps}, figures."""
         self.asked = time.monotonic()
         found = self._checkpoints()
         with self.lock:
@@ -64,7 +63,7 @@ class RunWatcher:
         }
 
     def episode(self) -> Json | None:
-        """Return the newest episode. After it was fetched, another one is recorded."""
+        """Return the newest episode, see `_published`; None: none yet. After it was fetched, another one is recorded."""
         self.asked, found = time.monotonic(), self.recorded
         self.taken = True
         return found
@@ -179,7 +178,10 @@ def _ticks(recorded: Recorded) -> int:
 
 
 def _published(known: Json, recorded: Recorded, *, whole: bool) -> Json:
-    """Return an episode for a page, see Feed. known: Known beforehand: number, steps, game."""
+    """Return an episode for a page, {number, steps, game, ticks, whole, data: base64 of `pack`}.
+
+    known: Known beforehand: number, steps, game. ticks: How many there are so far. whole: Whether these are all.
+    """
     data = base64.b64encode(pack([PageRoom(known["game"], recorded)])).decode()
     return known | {"ticks": _ticks(recorded), "whole": whole, "data": data}
 

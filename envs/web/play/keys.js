@@ -1,4 +1,4 @@
-// Keys and touch: what the person holds down, and what was just tapped, as actions by name (see messages.py).
+// Keys and touch: what the person holds down, and what was just tapped, as actions by name (see game.py).
 const Keys = (() => {
   const BINDINGS = [ // action, value, keys by their place on the keyboard, what it does
     ["ahead", 1, ["KeyW", "ArrowUp"], "forward"],

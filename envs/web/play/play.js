@@ -1,11 +1,11 @@
-// The live page: shows what the server sends (see session.py), and sends what the person does.
+// The live page: shows what the server sends (see game.py), and sends what the person does.
 (() => {
   const { $, make, write } = Dom;
   const VERDICTS = { won: "You won", lost: "You lost", drawn: "A draw", over: "The episode is over" };
   const SHOW = { lines: false, zone: true, ids: true, health: true, bags: true, trails: false, blind: false };
   const MODIFIERS = new Set(["Shift", "Control", "Alt", "AltGraph", "Meta", "CapsLock", "Tab", "Escape"]);
   const HINTS = [[["V"], "what the agent sees, or all"], [["P"], "pause"], [["R"], "next episode"]];
-  const TURNED_AWAY = 1013; // see session.py
+  const TURNED_AWAY = 1013; // see game.py
 
   const socket = new WebSocket(new URL("live", location.href.replace(/^http/, "ws")));
   const viewport = Viewport.build($("stage"), repaint);

@@ -1,35 +1,49 @@
-"""The game: one world in which a person steers one agent. Independent of pages and sockets."""
+"""Play: one world in which a person steers one agent, in real time, from a page that other pages may watch."""
 
+import asyncio
+import contextlib
+import json
 import math
 import os
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from enum import StrEnum
 from typing import Any
 
 import numpy as np
+from websockets.asyncio.server import ServerConnection
+from websockets.exceptions import ConnectionClosed
 
 from outlast.components import Respawned
 from outlast.components.score import End, Episode, Kills, Outcome
 from outlast.ecs import Action, Clock
 from outlast.systems.ending import outliving_wins
 
-from ... import recording
-from ...core.agents import alive, fewest_agents, side
-from ...core.spaces import published
-from ...core.vector_env import SurvivalVectorEnv
-from ...errors import PlayError
-from ...inspect.observation_text import observation_text
-from ...inspect.world_json import describe, events, snapshot
-from ...rollout.lineup import Lineup, Others, entries_of
-from ...rollout.outcome import Standings, own_wins
-from ...rollout.summary import RESULTS
-from ...scenarios.scenario import Scenario
+from .. import recording
+from ..core.agents import alive, fewest_agents, side
+from ..core.spaces import published
+from ..core.vector_env import SurvivalVectorEnv
+from ..errors import MessageError, PlayError
+from ..inspect.observation_text import observation_text
+from ..inspect.world_json import describe, events, snapshot
+from ..rollout.lineup import Lineup, Others, entries_of
+from ..rollout.outcome import Standings, own_wins
+from ..rollout.summary import RESULTS
+from ..scenarios.scenario import Scenario
+from ..storage import strict_json
+from .assets import SHARED, STYLE, assemble
+from .gate import Site, listening
+from .server import answering
 
 Json = dict[str, Any]
 
 RECENT = 8  # the newest events, all of which are sent each time, as a page may miss ticks
 SLOW, SLOWLY = 1.5, 0.5  # an episode begins slowly: seconds, and share of the usual speed
+STEER = "steer"  # the command by which a page takes over
+COMMANDS = ("begin", "pause", "resume", "restart", STEER)
+SPEEDS = (0.25, 0.5, 1, 2, 4)
+MAX_PAGES = 8
+POLICY_VIOLATION, TRY_AGAIN_LATER = 1008, 1013  # RFC 6455, section 7.4.1, and the IANA registry
 
 
 class GamePhase(StrEnum):
@@ -191,3 +205,153 @@ class Game:
             "length": int(episode.length[0, 0]),
             "return": round(paid, 2) if math.isfinite(paid) else None,
         }
+
+
+def parse(text: Any, ranges: Mapping[str, tuple[int, int]]) -> dict[str, Any]:
+    """Return the message in `text`: {"held": {name: value}, "tapped": {...}}, {"command": name} or {"speed": times}.
+
+    held: actions in every tick from now on. tapped: actions in the next tick only. Others are 0. command: one of
+    COMMANDS. speed: one of SPEEDS, how many times as fast as usual.
+
+    ranges: the lowest and highest value of each action by its name. Raises MessageError for everything else.
+    """
+    if not isinstance(text, str):
+        raise MessageError("messages are text, not bytes")
+    try:
+        content = json.loads(text)
+    except strict_json.BROKEN:
+        raise MessageError("messages are JSON") from None
+    if not isinstance(content, dict):
+        raise MessageError("messages are JSON objects")
+    if content.keys() == {"held", "tapped"}:
+        for choices in content.values():
+            _check_choices(choices, ranges)
+        return content
+    if content.keys() == {"command"} and content["command"] in COMMANDS:
+        return content
+    if content.keys() == {"speed"} and type(content["speed"]) in (int, float) and content["speed"] in SPEEDS:
+        return content
+    raise MessageError('held and tapped, a known command, or a known speed is needed, as in {"command": "pause"}')
+
+
+def _check_choices(given: Any, ranges: Mapping[str, tuple[int, int]]) -> None:
+    if not isinstance(given, dict) or given.keys() - ranges.keys():
+        raise MessageError(f"held and tapped name actions: {', '.join(ranges)}"[:123])
+    for name, value in given.items():
+        low, high = ranges[name]
+        if type(value) is not int or not low <= value <= high:
+            raise MessageError(f"{name} is an integer from {low} to {high}"[:123])
+
+
+class Session:
+    """The loop of `game` at `fps` ticks per second, times the speed that the person chose, times Game.pace.
+
+    The first of `pages` steers, and the others watch: the one that was opened first, or that took over last. When it
+    leaves, the next one steers. Without pages the world stands still.
+    """
+
+    def __init__(self, game: Game, fps: float) -> None:
+        self.game, self.fps = game, fps
+        self.speed: float = 1
+        self.pages: list[ServerConnection] = []
+        self._update = asyncio.Event()
+
+    async def run(self) -> None:
+        """Run ticks until cancelled. If ticks are late, they are not caught up with: the world runs more slowly."""
+        clock = asyncio.get_running_loop().time
+        due = clock()
+        while True:
+            period = 1 / (self.fps * self.speed * self.game.pace)
+            due = max(due + period, clock())
+            await asyncio.sleep(due - clock())
+            if self.game.tick():
+                self._notify()
+
+    async def serve_page(self, page: ServerConnection) -> None:
+        """Serve a page until it leaves."""
+        if len(self.pages) >= MAX_PAGES:
+            await page.close(TRY_AGAIN_LATER, f"{MAX_PAGES} pages are open already")
+            return
+        self.pages.append(page)
+        try:
+            async with asyncio.TaskGroup() as group:
+                sender = group.create_task(self._send(page))
+                await self._receive(page)
+                sender.cancel()
+        finally:
+            self._leave(page)
+
+    async def _receive(self, page: ServerConnection) -> None:
+        """Receive messages until the page leaves or sends an invalid one."""
+        with contextlib.suppress(ConnectionClosed):
+            async for text in page:
+                try:
+                    message = parse(text, self.game.ranges)
+                except MessageError as error:
+                    await page.close(POLICY_VIOLATION, str(error))
+                    return
+                if message == {"command": STEER}:
+                    self._lead(page)
+                elif page is self.pages[0]:
+                    self._apply(message)
+
+    async def _send(self, page: ServerConnection) -> None:
+        """Send the latest state: a slow page misses ticks instead of falling behind."""
+        world = None
+        with contextlib.suppress(ConnectionClosed):
+            while True:
+                update = self._update
+                if world is not self.game.world:
+                    world = self.game.world
+                    await page.send(json.dumps({"world": world}))
+                role = {"steers": page is self.pages[0], "speed": self.speed}
+                await page.send(json.dumps(self.game.state() | role))
+                await update.wait()
+
+    def _apply(self, message: dict[str, Any]) -> None:
+        match message:
+            case {"held": held, "tapped": tapped}:
+                self.game.hold(held, tapped)
+            case {"speed": times}:
+                self.speed = times
+            case {"command": name}:  # a method of Game, see COMMANDS
+                getattr(self.game, name)()
+        self._notify()
+
+    def _lead(self, page: ServerConnection) -> None:
+        """Let a page steer in place of the one that does."""
+        if page is not self.pages[0]:
+            self._release()
+            self.pages.sort(key=lambda each: each is not page)
+            self._notify()
+
+    def _leave(self, page: ServerConnection) -> None:
+        if page is self.pages[0]:
+            self._release()
+        self.pages.remove(page)
+        self._notify()
+
+    def _release(self) -> None:
+        """Release the keys, and wait for the next player."""
+        self.game.hold({}, {})
+        self.game.pause()
+
+    def _notify(self) -> None:
+        """Wake up everything that waits for this update; the next update gets a new event."""
+        self._update.set()
+        self._update = asyncio.Event()
+
+
+async def play(
+    game: Game, fps: float, site: Site | None = None, opened: Callable[[str], object] = lambda address: None
+) -> None:
+    """Serve `game` at a site until cancelled; `opened` is called with the address.
+
+    fps: ticks per second. Raises PlayError if the site is not available.
+    """
+    session, scripts = Session(game, fps), (*SHARED, "keys.js", "visible.js", "play.js")
+    with listening(site or Site()) as (listener, gate):
+        page = assemble("outlast", "play", scripts, (STYLE, "play.css"), connect=gate.live, SPEEDS=SPEEDS)
+        async with answering(listener, gate, {"": lambda: ("text/html", page)}, session.serve_page):
+            opened(gate.address)
+            await session.run()

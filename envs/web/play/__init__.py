@@ -1,1 +1,0 @@
-"""Play: a person steers one agent in the browser, against policies. Needs websockets (outlast[view])."""
