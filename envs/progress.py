@@ -160,12 +160,7 @@ class Progress:
 
 def large(value: float) -> str:
     """Write a number with three digits and k, M or G: 36.5k."""
-    for unit in ("", "k", "M", "G"):
-        if abs(value) < 999.5 or unit == "G":
-            break
-        value /= 1000
-    digits = 0 if not unit or abs(value) >= 99.95 else 1 if abs(value) >= 9.995 else 2
-    return f"{value:.{digits}f}{unit}"
+    return f"{value:.0f}" if abs(value) < 999.5 else str(tqdm.format_sizeof(value))
 
 
 def duration(seconds: float) -> str:
@@ -227,9 +222,8 @@ class _Bar(tqdm):  # type: ignore[misc]  # mypy does not follow it
 
 def _size(file: Any) -> tuple[int, int]:
     """Return the columns and rows of the terminal behind a file, at least one each."""
-    try:
-        columns, rows = os.get_terminal_size(file.fileno())
-    except (OSError, ValueError, AttributeError):
-        columns, rows = 0, 0
     usual = shutil.get_terminal_size()  # some terminals do not know their size
-    return columns or usual.columns, rows or usual.lines
+    with contextlib.suppress(*CLOSED):
+        columns, rows = os.get_terminal_size(file.fileno())
+        return columns or usual.columns, rows or usual.lines
+    return usual.columns, usual.lines

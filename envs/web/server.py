@@ -39,7 +39,8 @@ async def answering(
 ) -> AsyncIterator[None]:
     """Answer requests until the context ends; then all sockets are closed.
 
-    answers: By the path after the token; called in other threads. An error is logged, the first of each type, as pages repeat their requests.
+    answers: By the path after the token; called in other threads. An error is logged, the first of each type, as pages
+    repeat their requests.
     live: Serves the websocket of a page until the page leaves; by default, it is closed.
     """
     logged = set[type]()

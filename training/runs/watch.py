@@ -63,7 +63,7 @@ class RunWatcher:
         }
 
     def episode(self) -> Json | None:
-        """Return the newest episode, see `_published`; None: none yet. After it was fetched, another one is recorded."""
+        """Return the newest episode, see `_published`, or None. After it was fetched, another one is recorded."""
         self.asked, found = time.monotonic(), self.recorded
         self.taken = True
         return found
