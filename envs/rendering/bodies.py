@@ -20,9 +20,6 @@ LEAST_HEAL, LEAST_BAR, LEAST_ITEM = 6, 0.5, 1.0
 FRAMED = 1.0  # pixels: height of the lowest bar that gets a frame
 
 
-# ---- the room
-
-
 @dataclass(frozen=True)
 class RoomLayer(Layer):
     """The floor."""
@@ -31,7 +28,6 @@ class RoomLayer(Layer):
     needs = (Floor,)
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """Draw a rectangle."""
         x, y = scene.sides
         canvas.rectangle(-x, -y, x, y, FLOOR)
 
@@ -44,11 +40,10 @@ class WallsLayer(Layer):
     needs = (Solid,)
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """Draw their shapes, a pixel larger, as two walls meet in a single point. Behind them is nothing to see."""
         fixed = walls(scene)
         for e in fixed:
-            canvas.body(scene, e, WALL, 1 / canvas.scale)
-        if fixed and Floor in scene:
+            canvas.body(scene, e, WALL, 1 / canvas.scale)  # a pixel larger, as two walls meet in a single point
+        if fixed and Floor in scene:  # behind them is nothing to see
             (x, y), half = scene.sides, scene.half
             for left, lower, right, upper in ((-half, y, half, half), (x, -half, half, half)):
                 canvas.rectangle(left, lower, right, upper, WALL)
@@ -65,7 +60,6 @@ class SafeZoneLayer(Layer):
     dash: float = SIZES.zone_dash
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """Draw both; a void zone has no disc, and a cross marks where the zone is about to vanish."""
         zone, (half_width, half_height) = scene[Zone], scene.sides
         x, y, radius = zone.x[0], zone.y[0], zone.radius[0]
         canvas.rectangle(-half_width, -half_height, half_width, half_height, UNSAFE)
@@ -76,12 +70,9 @@ class SafeZoneLayer(Layer):
         x, y, radius, dash = zone.next_x[0], zone.next_y[0], zone.next_radius[0], self.dash
         if radius > 0:
             canvas.dashes(x, y, radius, RIM, self.rim, dash)
-        else:
+        else:  # a cross: the zone is about to vanish
             canvas.segment(x - dash, y - dash, x + dash, y + dash, RIM, self.rim)
             canvas.segment(x - dash, y + dash, x + dash, y - dash, RIM, self.rim)
-
-
-# ---- items and boxes
 
 
 @dataclass(frozen=True)
@@ -93,7 +84,6 @@ class HealsLayer(Layer):
     shows = (Heal,)
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """Draw them in their real size."""
         for e in scene.living(Body, Shape, Heal):
             x, y, radius = scene.body.x[e], scene.body.y[e], scene.shape.radius[e]
             canvas.circle(x, y, radius, HEAL)
@@ -113,7 +103,6 @@ class BoxesLayer(Layer):
     rim: float = SIZES.outline
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """Draw their shapes with a rim; very thin ones consist of the rim alone."""
         for e in scene.living(Body, Shape, Box):
             _draw_rimmed(canvas, scene, e, of_box(scene[Guard].vulnerable_only_to[e]), 0.5, self.rim)
 
@@ -127,7 +116,6 @@ class BoxItemsLayer(Layer):
     shows = (BoxItem,)
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """Draw squares: a dark one in a square of the owner's tint."""
         for e in scene.living(Body, Shape, BoxItem):
             color, half = of_box(owner_of(scene, e)), SIZES.box_item * scene.shape.radius[e]
             _draw_square(canvas, scene.body.x[e], scene.body.y[e], half, mix(color, INK, 0.5))
@@ -145,7 +133,6 @@ class OthersLayer(Layer):
     rim: float = SIZES.outline
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """Draw all that are in the world."""
         for e in unknown(scene):
             _draw_rimmed(canvas, scene, e, of_kind(scene, e), 0.6, self.rim)
 
@@ -158,7 +145,6 @@ class LooksLayer(Layer):
     width: float = 2 * SIZES.sight_line
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """Draw them below agents."""
         body, living = scene.body, {*scene.living(Body)}
         for e in sorted(scene.looks.keys() & living):
             if scene.looked_up(e, "ring") > 0:
@@ -169,7 +155,7 @@ class LooksLayer(Layer):
 
 
 def _draw_rimmed(canvas: Canvas, scene: Scene, e: int, color: Color, ink: float, rim: float) -> None:
-    """Draw a body with a rim that is darker by the share `ink`, in the tint of its look if it has one."""
+    """Draw a body with a rim that is darker by the share `ink`, or if it is thin the rim alone, in its look's tint."""
     tint, x, y = scene.looked_up(e, "tint"), scene.body.x[e], scene.body.y[e]
     color = color if tint < 0 else of_box(int(tint))
     if not has_size(scene, e):
@@ -185,9 +171,6 @@ def _draw_square(canvas: Canvas, x: float, y: float, half: float, color: Color) 
     canvas.rectangle(x - half, y - half, x + half, y + half, color)
 
 
-# ---- agents, what they do and have
-
-
 @dataclass(frozen=True)
 class AgentsLayer(Layer):
     """Living agents."""
@@ -198,7 +181,6 @@ class AgentsLayer(Layer):
     rim: float = SIZES.outline
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """Draw all living agents, the first one at the bottom, as discs with a beak ahead."""
         for e in scene.living(Body, Shape, Side):
             x, y, radius = scene.body.x[e], scene.body.y[e], scene.shape.radius[e]
             cosine, sine = radius * scene.body.cosine[e], radius * scene.body.sine[e]
@@ -216,14 +198,11 @@ class IdsLayer(Layer):
     height: float = 1.15  # height of a digit, in radii of the agent
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """Draw the numbers in black or white, whichever is easier to read on the disc."""
-        alive = set(scene.living(Body, Shape, Side))
-        for i, e in enumerate(scene.rows(Side)):
-            if e in alive:
-                radius, ink = scene.shape.radius[e], ink_on(of_side(scene[Side].side[e]))
-                height = max(self.height * radius, READABLE / canvas.scale)
-                if math.hypot(height, canvas.length(str(i), height)) < 2 * radius:
-                    canvas.text(scene.body.x[e], scene.body.y[e], str(i), height, ink)
+        for i, e in scene.agents():
+            radius, ink = scene.shape.radius[e], ink_on(of_side(scene[Side].side[e]))
+            height = max(self.height * radius, READABLE / canvas.scale)
+            if math.hypot(height, canvas.length(str(i), height)) < 2 * radius:
+                canvas.text(scene.body.x[e], scene.body.y[e], str(i), height, ink)
 
 
 @dataclass(frozen=True)
@@ -235,7 +214,6 @@ class MeleeLayer(Layer):
     width: float = SIZES.strike
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """Draw strikes from the attacker's place after the tick, as it has moved since it struck."""
         for me, x, y, hit in _strikes(scene):
             wide = [(INK, 2 * self.width), (STRIKE, self.width)] if hit else [(INK, self.width / 2)]
             for color, width in wide:
@@ -252,7 +230,6 @@ class HitsLayer(Layer):
     rim: float = SIZES.star_rim
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """Draw stars on the surface of what was hit, with both at their places after the tick."""
         for x, y in ((x, y) for _, x, y, hit in _strikes(scene) if hit):
             for r, color in ((self.radius + self.rim, INK), (self.radius, STRIKE), (self.radius / 2, WHITE)):
                 a = r * math.sqrt(0.5)  # a star is a square, and the same turned by 45 degrees
@@ -261,7 +238,7 @@ class HitsLayer(Layer):
 
 
 def _strikes(scene: Scene) -> list[tuple[int, float, float, bool]]:
-    """Return the attacker of each strike of the last tick, if it lives, where the strike ends, and whether it hit."""
+    """Return the attacker of each strike, if it lives, where the strike ends, and whether it hit: after the tick."""
     body, alive, found = scene.body, set(scene.living(Body, Shape)), []
     for strike in scene.events(Strike):
         if (me := strike.agent) in alive:
@@ -295,17 +272,15 @@ class HealthBarsLayer(Layer):
     height: float = SIZES.bar_height
 
     def fits(self, scene: Scene) -> bool:
-        """Return whether the layer fits: only where something does damage."""
         return super().fits(scene) and can_hurt(scene.worlds.layout)
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """Draw bars of all agents, and of other bodies that are damaged; none in very small pictures."""
         if self.height * canvas.scale < LEAST_BAR:
             return
         points, full, has_health = scene[Health].points, scene.prefab(Health).points, scene[Health].has_health
         edge = 1 / canvas.scale if self.height * canvas.scale >= FRAMED else 0
         for e in scene.living(Body, Shape, Health):
-            if has_health[e] and (e in scene.rows(Side) or points[e] < full[e]):
+            if has_health[e] and (e in scene.rows(Side) or points[e] < full[e]):  # others only if they are damaged
                 share, left = points[e] / max(full[e], 1), scene.body.x[e] - self.length / 2
                 right = left + self.length * min(max(share, 1), 2)
                 lower = scene.body.y[e] + min(scene.shape.bound[e], SIZES.bar_lift) + SIZES.bar_gap * self.height
@@ -323,7 +298,6 @@ class InventoryLayer(Layer):
     half: float = SIZES.bag_half  # half the side of an item
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """Draw heals as discs, broken boxes as squares, and all others as discs in the colour of their kind."""
         if 2 * self.half * canvas.scale < LEAST_ITEM:
             return
         bag, step = scene[Bag], SIZES.bag_step * self.half
@@ -336,7 +310,7 @@ class InventoryLayer(Layer):
 
 
 def draw_item(canvas: Canvas, scene: Scene, item: int, x: float, y: float, half: float) -> None:
-    """Draw the item in row `item` as it looks in a bag, around (x, y), given half of its side."""
+    """Draw an item of a bag around (x, y): broken boxes are squares, all others discs in the colour of their kind."""
     edge = max(1 / canvas.scale, half / 3)
     if item in scene.rows(BoxItem):
         _draw_square(canvas, x, y, half + edge, INK)

@@ -186,9 +186,6 @@ def _replace(temporary: Path, target: Path) -> None:
             outputs.replace(file, target / file.name)
 
 
-# ---- formats
-
-
 def _write_folder(path: Path, frames: Iterator[Image], fps: int) -> None:
     """Write numbered PNGs to a new folder; fps is not kept."""
     path.mkdir()

@@ -61,6 +61,10 @@ class Scene:
         """Return the rows of entities that have all of these components and are in the world now."""
         return [e for e in _rows(self.worlds.layout, components) if self._alive[e]]
 
+    def agents(self) -> list[tuple[int, int]]:
+        """Return number and row of each agent that is in the world now."""
+        return [(i, e) for i, e in enumerate(self.rows(Side)) if self._alive[e]]
+
     def rows(self, *components: type[Component]) -> tuple[int, ...]:
         """Return the rows of all entities with all of these components, in the world or not; agents in order of id."""
         return _rows(self.worlds.layout, components)
@@ -175,9 +179,6 @@ def _in_range(module: Module, numbers: dict[str, Any]) -> dict[str, Any]:
 @functools.lru_cache(maxsize=256)
 def _rows(layout: MemoryLayout, components: tuple[type[Component], ...]) -> tuple[int, ...]:
     return tuple(layout.rows(*components).tolist())
-
-
-# ---- what bodies are
 
 
 def walls(scene: Scene, living: bool = True) -> list[int]:

@@ -136,12 +136,10 @@ class CamerasLayer(Layer):
     def __post_init__(self) -> None:
         _check_agents(self, self.agents)
 
-    def fits(self, scene: Scene) -> bool:
-        """Return whether the layer fits: not if observations show everything, as cameras are then not used."""
+    def fits(self, scene: Scene) -> bool:  # cameras are not used if observations show everything
         return super().fits(scene) and scene.mechanic(systems.Cameras).mode != MODES[OMNISCIENT]
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """Draw all cones, then all lines."""
         watching = _chosen(self, scene, self.agents)
         if self.cones:
             tick = scene[Clock].tick[0]
@@ -180,7 +178,6 @@ class LidarLayer(Layer):
         _check_agents(self, self.agents)
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """Draw the rays of agents that are not blind."""
         body = scene.body
         for i, e in _chosen(self, scene, self.agents):
             for (ahead, left), far in zip(directions(scene, e), distances(scene, i), strict=True):
@@ -198,10 +195,10 @@ def _check_agents(layer: Layer, agents: Any) -> None:
 
 def _chosen(layer: Layer, scene: Scene, agents: Collection[int] | None) -> list[tuple[int, int]]:
     """Return number and row of each living agent, of all or of those with the numbers `agents`. Raises FilmError."""
-    rows, alive = scene.rows(Side), {*scene.living(Body, Side)}
-    if unknown := [i for i in agents or () if i >= len(rows)]:
-        raise FilmError(f"{type(layer).__name__}: no agent {unknown[0]}; they are 0 to {len(rows) - 1}")
-    return [(i, e) for i, e in enumerate(rows) if e in alive and (agents is None or i in agents)]
+    last = len(scene.rows(Side)) - 1
+    if unknown := [i for i in agents or () if i > last]:
+        raise FilmError(f"{type(layer).__name__}: no agent {unknown[0]}; they are 0 to {last}")
+    return [(i, e) for i, e in scene.agents() if agents is None or i in agents]
 
 
 def blind_until(scene: Scene, e: int) -> int:

@@ -3,7 +3,7 @@
 import functools
 import math
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -23,6 +23,18 @@ from .style import INK, PAPER, WALL, Color, ink_on, mix, of_side
 LEAST, MOST, SHARE = 8, 40, 46
 LINE = 2.0  # from line to line, in heights of a digit
 FIGURE = 0.75  # width of a digit, in its heights
+# the scoreboard
+DISC, POINTS, BAR, KILLS, RETURN, ITEM, GAP = 1.8, 3.4, 4.0, 4.4, 9.6, 1.3, 0.7  # lengths in heights of a digit
+ITEMS = 6  # maximum items of a bag that are shown
+HIGHEST = 0.75  # height of the board at most, as a share of the strip's length; lines beyond that are left out
+# captions, and place and height of digits, in margins: bars at a wall reach up to 0.38, and letters reach below digits
+MIDDLE, HEIGHT = 0.66, 0.36
+BEFORE, BETWEEN = 1.6, 2.0  # heights of a digit: from the start of a disc to its words, and between entries of a line
+COUNTER = "tick 00000 "  # as long as the step counter, which is beside the legend
+# the banner at the end
+OPACITY = 0.85
+PLACE = 0.55  # y of its middle, in halves of the picture: where the fewest episodes end
+WIDEST = 1.9  # width of words at most, in halves of the picture
 
 
 def digit(size: int) -> int:
@@ -33,9 +45,6 @@ def digit(size: int) -> int:
 def printable(words: str) -> str:
     """Return the words with "?" for characters that the fonts of pictures lack."""
     return words.encode("ascii", "replace").decode()
-
-
-# ---- the title
 
 
 @dataclass(frozen=True)
@@ -55,11 +64,9 @@ class TitleStrip(Strip):
     seed: bool = False
 
     def pixels(self, scene: Scene, size: int) -> int:
-        """Return the height of one line."""
         return round(LINE * digit(size))
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """Draw it; the tick has priority, then the game, then the rest."""
         clock = scene[Clock]
         seed, world, episode, tick = (column[0] for column in (clock.seed, clock.world, clock.episode, clock.tick))
         starts = prefixes(f"{self.text}, seed {seed}, world {world}")
@@ -127,13 +134,6 @@ def prefixes(words: str) -> list[str]:
     return [", ".join(parts[: k + 1]) for k in range(len(parts))]
 
 
-# ---- the scoreboard
-
-DISC, POINTS, BAR, KILLS, RETURN, ITEM, GAP = 1.8, 3.4, 4.0, 4.4, 9.6, 1.3, 0.7  # lengths in heights of a digit
-ITEMS = 6  # maximum items of a bag that are shown
-HIGHEST = 0.75  # height of the board at most, as a share of the strip's length; lines beyond that are left out
-
-
 @dataclass(frozen=True)
 class ScoresStrip(Strip):
     """Agents in the colours of their sides, with hit points, kills and carried items, as far as there is room."""
@@ -142,11 +142,9 @@ class ScoresStrip(Strip):
     zorder = ZOrder.WORDS + 1
 
     def pixels(self, scene: Scene, size: int) -> int:
-        """Return the height, which does not depend on the agents' sides."""
         return round((_board(scene, size).lines * LINE + GAP) * digit(size))
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """Draw agents below and beside each other, below a line with the kills of teams."""
         board, unit, alive = _board(scene, canvas.size), digit(canvas.size), {*scene.living(Side)}
         left, top, teams = unit - canvas.half, canvas.height / 2 - 0.5 * (LINE + GAP) * unit, _has_teams(scene)
         if teams:
@@ -262,14 +260,6 @@ def _planned(layout: MemoryLayout, agents: int, teams: bool, size: int) -> _Boar
     return _Board(parts, units / columns, rows, columns * rows, teams + rows + 1)
 
 
-# ---- captions in the margin
-
-# place and height of digits, in margins: bars of agents at a wall reach up to 0.38, and letters reach below digits
-MIDDLE, HEIGHT = 0.66, 0.36
-BEFORE, BETWEEN = 1.6, 2.0  # heights of a digit: from the start of a disc to its words, and between entries of a line
-COUNTER = "tick 00000 "  # as long as the step counter, which is beside the legend
-
-
 def _margin_line(canvas: Canvas, scene: Scene, side: int) -> tuple[float, float] | None:
     """Return y of a line of text above (side 1) or below (-1) the room, and the height of its digits, in metres.
 
@@ -288,7 +278,6 @@ class StepCounterLayer(Layer):
     zorder = ZOrder.WORDS
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """Write in the margin, which nothing of the game reaches."""
         if (place := _margin_line(canvas, scene, 1)) is not None:
             y, height = place
             canvas.text(-scene.room, y, f"tick {scene[Clock].tick[0]}", height, PAPER, anchor=0)
@@ -304,7 +293,6 @@ class LegendLayer(Layer):
     zorder = ZOrder.WORDS
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """Draw discs and names, which end at the room's right edge."""
         names = kinds(scene.worlds.layout)
         named = {names[e]: of_kind(scene, e) for e in unknown(scene, living=False)}
         if not named or (place := _margin_line(canvas, scene, 1)) is None:
@@ -335,29 +323,22 @@ class KillFeedLayer(Layer):
     fading: int = 60  # ticks in which it fades after that
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """Write in the margin, which nothing of the game reaches."""
         if (place := _margin_line(canvas, scene, -1)) is not None:
             self.write(canvas, scene, scene.room, *place, WALL)
 
     def write(self, canvas: Canvas, scene: Scene, half: float, y: float, height: float, ground: Color) -> None:
-        """Write a line from x = -half to half on that ground."""
-        x = -half
-        for age, i, e in self._deaths(scene):
+        """Write a line from x = -half to half on that ground, with the newest deaths first."""
+        x, cause, alive = -half, scene[Died].damage_type, set(scene.living(Died))
+        dead = [(i, e) for i, e in enumerate(scene.rows(Side)) if e not in alive and cause[e] >= 0]
+        for age, i, e in sorted((scene[Clock].tick[0] - scene[Health].fatal_tick[e], i, e) for i, e in dead):
             words = f"{i} {_cause_of_death(scene, e)}"
             end = x + BEFORE * height + canvas.length(words, height)
-            if end > half:
+            if end > half or age >= self.fresh + self.fading:
                 return
             share = max(0, age - self.fresh) / self.fading
             canvas.circle(x + height / 2, y, height / 2, mix(of_side(scene[Side].side[e]), ground, share))
             canvas.text(x + BEFORE * height, y, words, height, mix(PAPER, ground, share), anchor=0)
             x = end + BETWEEN * height
-
-    def _deaths(self, scene: Scene) -> Iterator[tuple[int, int, int]]:
-        """Yield the age in ticks, agent and row of each recent death, the newest first."""
-        cause, fatal, tick = scene[Died].damage_type, scene[Health].fatal_tick, scene[Clock].tick[0]
-        alive = set(scene.living(Died))
-        dead = [(tick - fatal[e], i, e) for i, e in enumerate(scene.rows(Side)) if e not in alive and cause[e] >= 0]
-        yield from (death for death in sorted(dead) if death[0] < self.fresh + self.fading)
 
 
 @dataclass(frozen=True)
@@ -369,11 +350,9 @@ class FeedStrip(Strip):
     feed: KillFeedLayer = KillFeedLayer()
 
     def pixels(self, scene: Scene, size: int) -> int:
-        """Return the height of one line."""
         return round(LINE * digit(size))
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """Draw as many as fit."""
         height = digit(canvas.size)
         self.feed.write(canvas, scene, canvas.half - height, 0, height, INK)
 
@@ -383,13 +362,6 @@ def _cause_of_death(scene: Scene, e: int) -> str:
     if source < 0:
         return f"died of {scene.worlds.layout.labels['damage_type'][scene[Died].damage_type[e]]}"
     return f"killed by {printable(scene.side_name(source)) if scene[Sides].teams[0] else source}"
-
-
-# ---- the end of an episode
-
-OPACITY = 0.85
-PLACE = 0.55  # y of the banner's middle, in halves of the picture
-WIDEST = 1.9  # width of words at most, in halves of the picture
 
 
 @dataclass(frozen=True)
@@ -404,7 +376,6 @@ class EndLayer(Layer):
     needs = (End,)
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        """Draw it in the upper part, where the fewest episodes end."""
         if not (scene[End].terminated[0] or scene[End].truncated[0]):
             return
         height, wide, y = digit(canvas.size) / canvas.scale, 2 * canvas.half, PLACE * canvas.half

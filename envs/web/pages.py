@@ -282,9 +282,6 @@ def frame(recording: Recording) -> str:
     return f'<iframe srcdoc="{page}" {attributes}></iframe>{cut}'
 
 
-# ---- packing
-
-
 def columns(description: Json, snapshot: Json, thoughts: Array | None = None) -> dict[str, list[int]]:
     """Return the numbers of a snapshot by column. -1: empty slots, and bitsets of agents that see everything.
 
