@@ -18,7 +18,7 @@ from outlast.training.base.quantities import NONE, pivot
 from outlast.training.plots.plot import compare
 from outlast.training.research.claims import claims_table, findings
 from outlast.training.research.compare import markdown, side_by_side
-from outlast.training.research.experiments import Experiment, experiments
+from outlast.training.research.reproduce import Experiment, experiments
 from outlast.training.research.results import PaperGroup, group_runs, load_runs
 
 DOCS = Path(__file__).resolve().parent.parent

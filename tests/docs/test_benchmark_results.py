@@ -9,7 +9,7 @@ pytest.importorskip("torch", reason="needs torch: outlast[train]")
 
 from outlast.envs.cli.main import main
 from outlast.training.benchmark import manifest, scores, table
-from outlast.training.benchmark.archive import opened
+from outlast.training.benchmark.verify import opened
 
 KEPT = Path(__file__).parents[2] / "results" / "benchmark"
 ENTRIES = sorted(KEPT.glob("*.zip"))

@@ -23,12 +23,12 @@ from outlast.training.base.config import TrainingConfig
 from outlast.training.base.errors import TrainingError
 from outlast.training.benchmark import entry as entries
 from outlast.training.benchmark import manifest, people, result, scores, suite, table, tasks, verify
-from outlast.training.benchmark.archive import opened, pack
 from outlast.training.benchmark.entry import Entry, EntryRun
 from outlast.training.benchmark.games import Moves, digest, play
 from outlast.training.benchmark.manifest import Agent, Manifest
 from outlast.training.benchmark.result import NUMBERS, Content, Pairing
 from outlast.training.benchmark.situations import passed
+from outlast.training.benchmark.verify import opened, pack
 from outlast.training.policies.player import Player
 from tests.fuzz.mutations import zipped
 
@@ -534,7 +534,7 @@ def test_archives_hold_what_is_handed_in(results: Path, tmp_path: Path, capsys) 
     ],
 )
 def test_hostile_archives_are_refused(tmp_path: Path, monkeypatch, name: str, content: bytes, message: str) -> None:
-    monkeypatch.setattr("outlast.training.benchmark.archive.MOST", 2**20)
+    monkeypatch.setattr("outlast.training.benchmark.verify.MOST", 2**20)
     path = tmp_path / "a.zip"
     path.write_bytes(zipped({name: content}, zipfile.ZIP_DEFLATED) if name else content)
     with pytest.raises(TrainingError, match=message), opened(path):

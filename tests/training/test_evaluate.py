@@ -23,12 +23,10 @@ from outlast.envs.rollout.lineup import entries_of, parse_lineup
 from outlast.envs.rollout.policies import POLICIES
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.training.arena import evaluation as report
-from outlast.training.arena.evaluation import Evaluation
-from outlast.training.arena.films import film_players
-from outlast.training.arena.groups import PolicyGroup, group_policies, rate_groups
+from outlast.training.arena.evaluation import Evaluation, film_players
 from outlast.training.arena.match import Match, ratio
 from outlast.training.arena.players import Contender, contenders, labels
-from outlast.training.arena.ratings import anchored, elo
+from outlast.training.arena.ratings import PolicyGroup, anchored, elo, group_policies, rate_groups
 from outlast.training.base.config import TrainingConfig
 from outlast.training.base.errors import TrainingError
 from outlast.training.base.presets import PRESETS

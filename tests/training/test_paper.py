@@ -14,7 +14,6 @@ from outlast.training.arena.match import MatchResults, Pairing
 from outlast.training.base.curves import FILE, format_curves, read_curves
 from outlast.training.base.errors import TrainingError
 from outlast.training.base.files import packed
-from outlast.training.research import experiments
 from outlast.training.research.__main__ import main as research
 
 pytest.importorskip("matplotlib", reason="needs matplotlib: outlast[plot]")
@@ -61,7 +60,7 @@ def test_the_plan_has_what_is_left(tmp_path: Path, capsys: pytest.CaptureFixture
     for game, share in (("ffa_1", 1), ("ffa_4", 0.5)):
         folder = tmp_path / f"runs/original/{game}-original-0"
         folder.mkdir(parents=True)
-        (folder / "log.csv").write_text(f"tag,step,value\ntime/fps,{round(share * experiments.PAPER_STEPS)},1\n")
+        (folder / "log.csv").write_text(f"tag,step,value\ntime/fps,{round(share * reproduce.PAPER_STEPS)},1\n")
     assert outlast_paper(*words, "--jobs", 3) == 0
     about, line = capsys.readouterr().out.splitlines()
     assert about == "1 runs, 3 at a time: 5,000,000 agent-steps; 1 of 2 runs are finished"
@@ -151,8 +150,8 @@ def is_enough(folder: Path, words: Any, *files: str) -> None:
 @pytest.mark.nightly
 def test_mended_games_are_trained_measured_drawn_and_filmed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     small = "--worlds 16 --rollout 1024 --every 8192 --with Behaviour --opponents self,scripted"
-    monkeypatch.setattr(experiments, "MENDED_STEPS", 32768)  # so many that episodes of all games end
-    monkeypatch.setattr(experiments, "POOL", tuple(small.split()))
+    monkeypatch.setattr(reproduce, "MENDED_STEPS", 32768)  # so many that episodes of all games end
+    monkeypatch.setattr(reproduce, "POOL", tuple(small.split()))
     monkeypatch.setattr(mended, "EPISODES", 64)
     words = ("mended", "--only", "ffa_2+bounty", "teams_2+bounty", "--out", tmp_path)
     assert outlast_paper(*words) == 0
@@ -175,8 +174,8 @@ def test_mended_games_are_trained_measured_drawn_and_filmed(tmp_path: Path, monk
 
 @pytest.mark.nightly
 def test_the_papers_variants_are_trained_and_compared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(experiments, "PAPER_STEPS", 4096)
-    monkeypatch.setattr(experiments, "FEW_WORLDS", ("--worlds", "4", "--rollout", "512", "--ppo", "n_epochs=1"))
+    monkeypatch.setattr(reproduce, "PAPER_STEPS", 4096)
+    monkeypatch.setattr(reproduce, "FEW_WORLDS", ("--worlds", "4", "--rollout", "512", "--ppo", "n_epochs=1"))
     words = ("text", "--only", "teams_2", "--seeds", 1, "--out", tmp_path)
     assert outlast_paper("original", *words[1:]) == 0  # which the others are compared with
     broken = tmp_path / "runs/text/teams_2-scaled-0"
@@ -194,5 +193,5 @@ def test_the_papers_variants_are_trained_and_compared(tmp_path: Path, monkeypatc
     text = (tmp_path / "text/ends.md").read_text()
     assert all(f"`teams_2`, preset `{name}`, seed 0. Unfinished" in text for name in ("paper", "scaled"))
     assert "| preset `original` | preset `paper` | preset `scaled` |" in text.splitlines()[0]
-    monkeypatch.setattr(experiments, "PAPER_STEPS", 4000)  # kept curves end where the last rollout began
+    monkeypatch.setattr(reproduce, "PAPER_STEPS", 4000)  # kept curves end where the last rollout began
     is_enough(tmp_path, words, "text/ends.md")

@@ -16,7 +16,7 @@ from outlast.training.base.config import TrainingConfig
 from outlast.training.base.curves import Curves
 from outlast.training.base.metrics import AgentMetrics
 from outlast.training.base.quantities import headline
-from outlast.training.plots.panels import chosen, drawn
+from outlast.training.plots.comparison import chosen, drawn
 from outlast.training.plots.runs import Run
 from outlast.training.ppo.trainer import Trainer
 from tests.helpers.beasts import Beasts

@@ -9,12 +9,14 @@ from typing import Any, Unpack
 
 import numpy as np
 
+from outlast.envs.api.film import Looks, write_film_of
 from outlast.envs.api.make import make_vec
 from outlast.envs.core.agents import fewest_sides
 from outlast.envs.core.options import check_options
 from outlast.envs.progress import Progress
-from outlast.envs.recording import record
-from outlast.envs.rollout.lineup import ROLES
+from outlast.envs.recording import Recording, Replay, record
+from outlast.envs.rendering.words import fits
+from outlast.envs.rollout.lineup import ROLES, role_of
 from outlast.envs.rollout.saved import common_scenario
 from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.envs.scenarios.known_numbers import Numbers
@@ -28,11 +30,9 @@ from ..base.errors import TrainingError
 from ..base.files import check_out, check_results, read_text, write_files
 from ..base.metrics import check_statistics
 from ..base.quantities import csv_text, with_error
-from .films import films, recording_of
-from .groups import Groups, group_policies, rate_groups
 from .match import Estimates, Match, Pairing
 from .players import Contender, Given, contenders
-from .ratings import elo, linked
+from .ratings import Groups, elo, group_policies, linked, rate_groups
 
 Array = np.ndarray[Any, Any]
 RESULTS = ("wins", "wins_first", "wins_second", "length", "life", "return", "kills")  # and deaths by damage type
@@ -43,6 +43,8 @@ CERTAIN = 3.0  # a difference between the sides is reported from this many stand
 OVER_GAMES = "std. errors (±) are over games of these policies, and do not cover other training seeds"
 OVER_SEEDS = "95 % intervals over training seeds and games, by bootstrap"
 UNBOUNDED = "; inf: no game bounds the rating on that side"
+LEAST = 8  # minimum characters of a name in the title of a film
+SIZE, FPS = 512, 30  # pixels; frames a second: real time in the paper's variants
 
 
 class Evaluation:
@@ -100,7 +102,7 @@ class Evaluation:
     def play_pair(self, pair: tuple[int, int], progress: Callable[[int], None] = lambda episodes: None) -> Pairing:
         """Play a pairing, and store it in `pairings` once it is complete. progress: see Match.play."""
         words = np.random.SeedSequence([self.seed, *pair]).generate_state(1 + ROLES, np.uint64) >> np.uint64(1)
-        world, *seeds = (int(word) for word in words)
+        world, *seeds = map(int, words)
         players = dict.fromkeys(pair)  # a single one in a game against itself
         acts = [self.chosen[k].act(self.env, own) for k, own in zip(players, seeds, strict=False)]
         self.pairings.append(Pairing(pair, Match(self.env, acts, self.each, world).play(progress)))
@@ -135,7 +137,7 @@ class Evaluation:
         names = [contender.label for contender in self.chosen]
         for pairing in self.pairings:
             pair = tuple(names[k] for k in pairing.pair)
-            if policy in pair and against in pair and {policy, against} == set(pair):
+            if {policy, against} == {*pair}:
                 return pairing.estimates(pair.index(policy), side)
         raise TrainingError(f"{policy} against {against} is not complete; the policies are {', '.join(names)}")
 
@@ -207,7 +209,7 @@ def evaluate(
     with opened(game, policies, out, film, **options) as (evaluation, folder, hidden):
         play(evaluation, folder, hidden, quiet=quiet)
         if hidden is not None and folder is not None:
-            list(films(evaluation.scenario, evaluation.chosen, evaluation.pairings, hidden, folder))
+            list(films(evaluation, hidden, folder))
     return evaluation
 
 
@@ -235,10 +237,54 @@ def play(evaluation: Evaluation, folder: Path | None, hidden: Path | None, *, qu
     about = f"{pairs} pairings of {each:,} episodes; fewer (--episodes) take less time" if pairs > 1 else ""
     with Progress(pairs * each, "episodes", quiet=quiet, about=about) as progress:
         for pair in evaluation.pairs:
-            with record(evaluation.env, recording_of(hidden, pair)) if hidden else contextlib.nullcontext():
+            with record(evaluation.env, _recording(hidden, pair)) if hidden else contextlib.nullcontext():
                 evaluation.play_pair(pair, progress.add)
             if folder is not None:
                 write_tables(evaluation, folder)
+
+
+def films(evaluation: Evaluation, hidden: Path, folder: Path) -> Iterator[Path]:
+    """Write a film and a page of a typical episode of each pairing, and yield the path of each.
+
+    hidden: The folder in which pairings are recorded. Raises RecordingError, FilmError, PageError.
+    """
+    from outlast.envs.web.pages import write_page
+
+    game = evaluation.scenario
+    for pairing in evaluation.pairings:
+        names, (world, episode) = [evaluation.chosen[k].label for k in pairing.pair], pairing.results.typical()
+        first, last = (int(record) for record in pairing.results.spans[world, episode])
+        for ending in ("webm", "html"):
+            path = folder / f"{'-'.join(names)}.{ending}"
+            with contextlib.closing(Replay(Recording.open(_recording(hidden, pairing.pair), game))) as replay:
+                ticks, sides = replay.ticks(first=first, last=last, worlds=[world]), replay.worlds.dims["sides"]
+                own = [[k for k in range(sides) if role_of(k, world, episode) == role] for role in range(ROLES)]
+                played = [f"side{'s' * (len(each) > 1)} {' '.join(map(str, each))}" for each in own]
+                if ending == "webm":
+                    title = f"{film_players(names, played)}, {game.name}"
+                    write_film_of(path, replay.worlds, ticks, [world], Looks(size=SIZE, fps=FPS), title)
+                else:
+                    write_page(path, replay.worlds, ticks, [world], title=f"{game.name}: {_players(names, played)}")
+            yield path
+
+
+def _recording(folder: Path, pair: tuple[int, int]) -> Path:
+    """Return the file in which a pairing is recorded."""
+    return folder / f"{pair[0]}-{pair[1]}.rec"
+
+
+def film_players(names: Sequence[str], sides: Sequence[str]) -> str:
+    """Return the players with their sides, names shortened in the middle until both fit into a film's title."""
+    for most in range(max(LEAST, *map(len, names)), LEAST - 1, -1):
+        cut = (f"{name[: most // 2 - 1]}..{name[most // 2 - most + 1 :]}" for name in names)
+        words = _players([name if len(name) <= most else short for name, short in zip(names, cut)], sides)
+        if fits(words, SIZE):
+            break
+    return words
+
+
+def _players(names: Sequence[str], sides: Sequence[str]) -> str:
+    return " against ".join(f"{name} ({own})" for name, own in zip(names, sides, strict=True))
 
 
 def text(evaluation: Evaluation, width: int | None = None, most: int | None = None) -> str:
@@ -292,8 +338,7 @@ def write_tables(evaluation: Evaluation, folder: Path) -> list[Path]:
         RATINGS: csv_text(RATED, rated),
         GROUPS: csv_text(GROUPED, grouped),
     }
-    write_files({folder / name: content.encode() for name, content in contents.items()})
-    return [folder / name for name in contents]
+    return write_files({folder / name: content.encode() for name, content in contents.items()})
 
 
 def check_folder(evaluation: Evaluation, folder: Path) -> None:
@@ -337,25 +382,22 @@ def _groups(evaluation: Evaluation, width: int | None) -> Iterator[str]:
         yield f"no groups of training seeds: {error}"
         return
     if found is not None:
-        yield from _group_tables(evaluation, found, width)
+        ends = {(name, against): (runs, *three) for name, runs, against, _, *three in _group_rows(evaluation)}
+        names = [group.label for group in found.groups]
+        rated = [(name, *ends[name, ""]) for name in names]
+        rows = [
+            (name, str(runs or "-"), f"{elo:.0f}", f"[{low:.0f}, {high:.0f}]") for name, runs, elo, low, high in rated
+        ]
+        several = [group for group in found.groups if len(group.members) > 1]
+        who = [f"{group.label}: {', '.join(evaluation.chosen[k].label for k in group.members)}" for group in several]
+        table = text_table(rows, ("Elo of groups (mean 1000)", "runs", "rating", "95 % interval"), left=1)
+        yield "\n".join([table, *who, OVER_SEEDS + ("" if np.isfinite(found.ratings).all() else UNBOUNDED)])
+        wins = {pair: "{1:.3f} [{2:.3f}, {3:.3f}]".format(*own) for pair, own in ends.items()}
+        shares = [(one, *(wins.get((one, other), "-") for other in names)) for one in names]
+        yield text_table(shares, ("wins of group, against", *names), left=1, width=width)
     if alone := [group.label for group in groups if group.trained and len(group.members) == 1]:
         one, each = "one run: its error is over games, and does", "one run each: errors are over games, and do"
         yield f"{', '.join(alone)}: {one if len(alone) == 1 else each} not cover other seeds"
-
-
-def _group_tables(evaluation: Evaluation, found: Groups, width: int | None) -> Iterator[str]:
-    """Yield the ratings of groups, and their shares of games won."""
-    ends = {(name, against): (runs, *three) for name, runs, against, _, *three in _group_rows(evaluation)}
-    names = [group.label for group in found.groups]
-    rated = [(name, *ends[name, ""]) for name in names]
-    rows = [(name, str(runs or "-"), f"{elo:.0f}", f"[{low:.0f}, {high:.0f}]") for name, runs, elo, low, high in rated]
-    several = [group for group in found.groups if len(group.members) > 1]
-    who = [f"{group.label}: {', '.join(evaluation.chosen[k].label for k in group.members)}" for group in several]
-    table = text_table(rows, ("Elo of groups (mean 1000)", "runs", "rating", "95 % interval"), left=1)
-    yield "\n".join([table, *who, OVER_SEEDS + ("" if np.isfinite(found.ratings).all() else UNBOUNDED)])
-    wins = {pair: "{1:.3f} [{2:.3f}, {3:.3f}]".format(*own) for pair, own in ends.items()}
-    shares = [(one, *(wins.get((one, other), "-") for other in names)) for one in names]
-    yield text_table(shares, ("wins of group, against", *names), left=1, width=width)
 
 
 def _group_rows(evaluation: Evaluation) -> list[tuple[Any, ...]]:

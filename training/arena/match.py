@@ -21,9 +21,7 @@ Estimates = dict[str, tuple[float, float]]  # mean and standard error by name
 MATE = ROLES  # the role of agents that play beside the first policy
 COUNTED = ("deaths",)  # statistics that AgentMetrics counts for each policy, by the type of damage
 AgentIndices = tuple[Array, Array]  # indices of worlds and of agents in them, of equal length
-Act = Callable[
-    [dict[str, Array], AgentIndices], Array
-]  # observations to the actions of these agents, (agents, actions)
+Act = Callable[[dict[str, Array], AgentIndices], Array]  # observations to actions of these agents, (agents, actions)
 
 
 class MatchResults:
@@ -171,7 +169,8 @@ class Pairing:
         worlds, episodes = np.indices(self.results.spans.shape[:2])
         player = role_of(side, worlds, episodes)
         counts = (player == role) | (self.pair[0] == self.pair[1])
-        return {name: ratio(figure[worlds, episodes, player][counts]) for name, figure in figures.items()}
+        own = worlds[counts], episodes[counts], player[counts]
+        return {name: ratio(figure[own]) for name, figure in figures.items()}
 
     def won_drawn_lost(self) -> tuple[int, int, int]:
         """Return the numbers of episodes that the first policy won, drew and lost."""
@@ -189,9 +188,6 @@ def ratio(pairs: Array) -> tuple[float, float]:
     there = np.count_nonzero(pairs[:, 1])
     if not count:
         return float("nan"), float("nan")
-    mean = total / count
-    rest = pairs[:, 0] - mean * pairs[:, 1]
-    if there < 2:
-        return float(mean), float("nan")
-    spread = (rest * rest).sum() * there / (there - 1)
-    return float(mean), float(np.sqrt(spread) / count)
+    rest = pairs[:, 0] - total / count * pairs[:, 1]
+    spread = (rest * rest).sum() * there / (there - 1) if there > 1 else np.nan
+    return float(total / count), float(np.sqrt(spread) / count)

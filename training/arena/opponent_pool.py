@@ -49,14 +49,10 @@ class Opponent:
     total: int = 0  # all games against it, each counted as one
 
     @property
-    def kind(self) -> str:
-        """The name; for a past self without the steps."""
-        return PAST if self.past else self.name
-
-    @property
     def past(self) -> bool:
         """Return whether it is a past self."""
-        return is_past(self.name)
+        steps = self.name.removeprefix(f"{PAST}@")
+        return steps != self.name and steps.isdecimal() and len(steps) < LONGEST
 
     @property
     def weights(self) -> str:
@@ -176,16 +172,17 @@ class OpponentPool:
         tags = {}
         if not self.alone:
             tags["rating/self"] = self.all[0].rating
-        met = [one for k, one in self.all.items() if k and one.games > 0]
-        for name in dict.fromkeys(one.kind for one in met):
-            those = [one for one in met if one.kind == name]
-            games = sum(one.games for one in those)
-            tags[f"wins/{name}"] = sum(one.won for one in those) / games
-            tags[f"rating/{name}"] = sum(one.rating * one.games for one in those) / games
-            total = sum(one.total for one in self.all.values() if one.kind == name)
-            tags[f"games/{name}"] = float(total + (self.dropped if name == PAST else 0))
-        for one in met:
-            one.won, one.games = one.won * FORGET, one.games * FORGET
+        by_kind = dict[str, list[Opponent]]()
+        for one in self.all.values():
+            by_kind.setdefault(PAST if one.past else one.name, []).append(one)
+        for name, those in by_kind.items():
+            if name != SELF and (games := sum(one.games for one in those)):
+                tags[f"wins/{name}"] = sum(one.won for one in those) / games
+                tags[f"rating/{name}"] = sum(one.rating * one.games for one in those) / games
+                total = sum(one.total for one in those)
+                tags[f"games/{name}"] = float(total + (self.dropped if name == PAST else 0))
+                for one in those:
+                    one.won, one.games = one.won * FORGET, one.games * FORGET
         return tags
 
     def state(self) -> dict[str, Any]:
@@ -194,13 +191,10 @@ class OpponentPool:
             str(k): torch.tensor([one.rating, one.won, one.games, one.total], dtype=torch.float64, device="cpu")
             for k, one in self.all.items()
         }
-        past, saved = dict[str, Any](), dict[str, str]()
-        for k, one in self.all.items():
-            if one.past:
-                weights = [policy.state_dict() for policy in one.policies]
-                past[str(k)] = {"name": one.name, "drawn": k in self.past, "weights": weights}
-            elif one.policies:
-                saved[str(k)] = one.weights
+        saved = {str(k): one.weights for k, one in self.all.items() if one.policies and not one.past}
+        past = {str(k): {"name": one.name, "drawn": k in self.past} for k, one in self.all.items() if one.past}
+        for k in past:
+            past[k]["weights"] = [policy.state_dict() for policy in self.all[int(k)].policies]
         return {"figures": figures, "past": past, "dropped": self.dropped, "saved": saved}
 
     def restore(self, given: Any, policies: Sequence[Networks], begun: str) -> None:
@@ -222,8 +216,8 @@ class OpponentPool:
             _check(number not in pool and isinstance(kept, dict) and kept.keys() == {"name", "drawn", "weights"})
             weights, name = kept["weights"], kept["name"]
             _check(isinstance(weights, list) and len(weights) == len(policies))
-            _check(isinstance(name, str) and is_past(name))
-            pool[number] = Opponent(name, 0.0, [frozen(policy) for policy in policies])
+            pool[number] = Opponent(str(name), 0.0, [frozen(policy) for policy in policies])
+            _check(isinstance(name, str) and pool[number].past)
             for policy, own in zip(pool[number].policies, weights, strict=True):
                 load_weights(policy, own, f"{name} in {REST}")
         none = torch.zeros(4, dtype=torch.float64, device="cpu")
@@ -232,8 +226,8 @@ class OpponentPool:
             one.rating, one.won, one.games, total = figures[number].tolist()
             _check(abs(one.rating) <= HIGHEST and 0 <= one.won <= one.games <= total <= MOST)
             one.total = int(total)
-        _check(type(given["dropped"]) is int and 0 <= given["dropped"] <= MOST)
         self.dropped = given["dropped"]
+        _check(type(self.dropped) is int and 0 <= self.dropped <= MOST)
         self.all, self.past = pool, sorted(number for number, kept in past.items() if kept["drawn"])
 
 
@@ -247,12 +241,6 @@ def _by_index(given: Any) -> dict[int, Any]:
     _check(isinstance(given, dict))
     _check(all(len(name) < LONGEST and name.isdecimal() and name == str(int(name)) for name in given))
     return {int(name): value for name, value in given.items()}
-
-
-def is_past(name: str) -> bool:
-    """Return whether it is the name of a past self."""
-    steps = name.removeprefix(f"{PAST}@")
-    return steps != name and steps.isdecimal() and len(steps) < LONGEST
 
 
 def frozen(policy: Networks) -> Networks:

@@ -47,7 +47,7 @@ class Contender:
         return self.player is None and self.text not in POLICIES
 
     def check(self, env: SurvivalVectorEnv) -> None:
-        """Check that the policy can play in these worlds. Raises TrainingError."""
+        """Raise TrainingError unless the policy can play in these worlds."""
         if self.player is not None:
             self.player.check(env)
 
@@ -108,7 +108,12 @@ def contenders(given: Given | Sequence[Given] | Mapping[str, Given]) -> list[Con
     if not given:
         raise TrainingError("policies are empty: name some, as in ('scripted', 'runs/duel')")
     if isinstance(given, Mapping):
-        found = [_labelled(label, policy) for label, policy in given.items()]
+        found = list[Contender]()
+        for label, policy in given.items():
+            (_, own), *more = _expanded(policy)
+            if more:
+                raise TrainingError(f"{label}: {policy} holds {1 + len(more)} runs: name one of them")
+            found.append(Contender(re.sub(r"[^\w.]+", "-", label), own))
         names = [contender.label for contender in found]
         if twice := [name for name in names if names.count(name) > 1]:
             raise TrainingError(f"{', '.join(given)}: two get the name {twice[0]} in files; choose other labels")
@@ -117,13 +122,6 @@ def contenders(given: Given | Sequence[Given] | Mapping[str, Given]) -> list[Con
     chosen = [each for policy in given for each in _expanded(policy)]
     named = labels([text for text, _ in chosen])
     return [Contender(label, policy) for label, (_, policy) in zip(named, chosen, strict=True)]
-
-
-def _labelled(label: str, policy: Given) -> Contender:
-    found = _expanded(policy)
-    if len(found) > 1:
-        raise TrainingError(f"{label}: {policy} holds {len(found)} runs: name one of them")
-    return Contender(re.sub(r"[^\w.]+", "-", label), found[0][1])
 
 
 def _expanded(policy: Given) -> list[tuple[str, str | Policy]]:
@@ -144,10 +142,14 @@ def _expanded(policy: Given) -> list[tuple[str, str | Policy]]:
 
 def labels(texts: Sequence[str]) -> list[str]:
     """Return a unique label for each text; for a path, the shortest unique end. Raises TrainingError."""
-    parts_of = [_parts(text) for text in texts]
+    parts_of, ends = [_parts(text) for text in texts], list[list[str]]()
     if len(set(parts_of)) < len(parts_of):
         raise TrainingError(f"a policy is named twice: {', '.join(texts)}")
-    return [_shortest(parts, [other for other in parts_of if other != parts]) for parts in parts_of]
+    for parts in parts_of:
+        joined = ("-".join(parts[-length:]) for length in range(1, len(parts) + 1))
+        ends.append([re.sub(r"[^\w.]+", "-", name).strip("-") for name in joined])
+    others = [{name for other in ends if other is not own for name in other} for own in ends]
+    return [next((name for name in own if name not in taken), own[-1]) for own, taken in zip(ends, others, strict=True)]
 
 
 def _parts(text: str) -> tuple[str, ...]:
@@ -158,13 +160,3 @@ def _parts(text: str) -> tuple[str, ...]:
         return tuple(text.split("/"))
     path = Path(text).resolve()
     return path.parts if text.endswith("/") else path.with_suffix("").parts
-
-
-def _shortest(parts: tuple[str, ...], others: list[tuple[str, ...]]) -> str:
-    taken = {_joined(other, length) for other in others for length in range(1, len(other) + 1)}
-    found = (_joined(parts, length) for length in range(1, len(parts) + 1))
-    return next((name for name in found if name not in taken), _joined(parts, len(parts)))
-
-
-def _joined(parts: tuple[str, ...], length: int) -> str:
-    return re.sub(r"[^\w.]+", "-", "-".join(parts[-length:])).strip("-")

@@ -168,9 +168,10 @@ class Entry:
         for name in (pairing.against, pairing.mate):
             if name in members:
                 yield members[name].contender()
+            elif name.startswith(AGENT):
+                yield rival(self.rival(name))
             elif name != SELF:
-                agent = name.startswith(AGENT)
-                yield rival(self.rival(name)) if agent else Contender(name, str(self.response(name)))
+                yield Contender(name, str(self.response(name)))
 
     @cached_property
     def config(self) -> TrainingConfig:
@@ -184,10 +185,9 @@ class Entry:
         return [min(self.config.steps, self.config.every * (k + 1)) for k in range(self.candidates)]
 
     def work(self) -> tuple[int, int, float]:
-        """Return the work that is done, judging by the files in the folder, all work, and the estimated seconds of all.
+        """Return the work that is done, by the files in the folder, all work, and the seconds of all on one usual core.
 
-        It is counted in agent-steps of training; for a match, in as many as take about the same time. Seconds are those
-        on one core of a machine like that of docs/performance.md.
+        It is counted in agent-steps of training; for a match, in as many as take about the same time.
         """
         training = self.config.total if self.agent.trained else 0
         runs = {TRAINING: training} | {RESPONDING + kind: int(steps) for kind, steps in map(str.split, self.responses)}
@@ -210,11 +210,10 @@ def entries_of(manifest: Manifest, only: str = "", threads: int = 0) -> list[Ent
 
 
 def described(path: Path, task: Task) -> Content:
-    """Describe a policy that plays a task.
+    """Describe a policy that plays a task. Raises TrainingError: it is none, or its seed is one that evaluation uses.
 
     "of_task": whether all of its training was in the task's game, without chosen levels, numbers that changed, or
-    weights or actions of a saved policy. "met": the members of the suite that it was trained against, or that taught
-    it. Raises TrainingError: the file is not a policy, or was trained from a seed that evaluation uses.
+    weights or actions of a saved policy. "met": the members of the suite that it met, or that taught it.
     """
     header = policy_file.read_header(path, (STEPS, "scenario", "preset"))
     plan = header.get("plan", {})
@@ -256,12 +255,12 @@ def most_steps(steps: int) -> int:
     return int(1.01 * steps) + 2**16
 
 
+@dataclass
 class EntryRun:
-    """Training of an entry's agent, and its matches."""
+    """Training of an entry's agent, and its matches; it continues the work in the folder."""
 
-    def __init__(self, entry: Entry, progress: Progress = lambda done, text: None) -> None:
-        """Begin, or continue the work in the folder."""
-        self.entry, self.progress = entry, progress
+    entry: Entry
+    progress: Progress = lambda done, text: None
 
     def run(self) -> Entry:
         """Do all remaining work. Ctrl-C saves, and is raised. Raises TrainingError."""

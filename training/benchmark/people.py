@@ -73,7 +73,7 @@ def rows(games: Sequence[Content]) -> list[tuple[str, ...]]:
 
 
 def _played(path: Path) -> Content:
-    """Return the task of a recording, the opponent, and the numbers of games won, drawn and lost."""
+    """Return the task of a recording, the opponent, and the numbers of games that the person won, drew and lost."""
     recording = Recording.open(path)
     played = recording.header.get("played")
     if played is None:
@@ -84,23 +84,17 @@ def _played(path: Path) -> Content:
         raise TrainingError(f"{path} is of {recording.scenario.name}, which is no task: play the game of one, as ffa_2")
     if played["others"] not in suite(task[0]).members:
         raise TrainingError(f"{path}: its opponent {played['others']} is not in the suite of {task[0].name}")
-    found = _outcomes(Replay(recording), played["agent"])
-    if not found:
-        raise TrainingError(f"{path} holds no game that was played to its end")
-    numbers = [found.count(value) for value in (1.0, 0.5, 0.0)]
-    return {"task": task[0].name, "opponent": played["others"]} | dict(zip(NUMBERS, numbers, strict=True))
-
-
-def _outcomes(replay: Replay, agent: int) -> list[float]:
-    """Return the games that the side of an agent won (1), drew (0.5) and lost (0)."""
-    worlds, found, row = replay.worlds, list[float](), np.zeros(1, int)
-    standings = Standings(worlds)
+    replay, found, row = Replay(recording), list[float](), np.zeros(1, int)
+    standings, worlds = Standings(replay.worlds), replay.worlds
     for _ in replay.ticks():
         if (worlds.mode == RESET).any():
             standings.begin(np.ones(1, bool))
             continue
         standings.watch()
         if (worlds[End].terminated | worlds[End].truncated).any():
-            found.append(float(own_wins(standings.of(row), side(worlds)[:, agent])[0]))
+            found.append(float(own_wins(standings.of(row), side(worlds)[:, played["agent"]])[0]))
     replay.close()
-    return found
+    if not found:
+        raise TrainingError(f"{path} holds no game that was played to its end")
+    numbers = [found.count(value) for value in (1.0, 0.5, 0.0)]
+    return {"task": task[0].name, "opponent": played["others"]} | dict(zip(NUMBERS, numbers, strict=True))

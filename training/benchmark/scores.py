@@ -81,6 +81,10 @@ def _agent(entries: Sequence[Entry]) -> Scores:
     policies = [entry.content["policy"] for entry in entries if entry.content["policy"]]
     most = most_steps(first.manifest.content["budget"])
     mates = (SELF, *known.mates) if task.mates else ()
+    lost = {name: first.matches.get(Pairing(TRAINED, name)) for name in first.responses}
+    responses = {name: over_seeds([1 - share(match) if match else None]) for name, match in lost.items()}
+    if not responses:
+        responses = {"best response": {"status": IMPOSSIBLE if first.agent.function else UNPLANNED}}
     return {
         "seeds": [entry.seed for entry in entries if entry.content["policy"]],
         "steps": [policy["steps"] for policy in policies],
@@ -96,7 +100,7 @@ def _agent(entries: Sequence[Entry]) -> Scores:
             for k in range(first.candidates)
         ],
         "rating": _rating(played, task),
-        "exploitability": _exploitability(first),
+        "exploitability": responses,
         "self_play": {figure: _figure(played, figure) for figure in OWN_FIGURES},
         "situations": dict(sorted((first.content["situations"] or {}).items())),
     }
@@ -124,15 +128,6 @@ def _rating(played: Played, task: Task) -> Value:
     value = over_seeds([float(next(ratings)) if there else None for there in full]) | {"errors": rounded([*errors])}
     known = value["status"] == MEASURED
     return {key: own for key, own in value.items() if known or key not in ("mean", "low", "high")}
-
-
-def _exploitability(first: Entry) -> dict[str, Value]:
-    """Return the shares of games that best responses to the first seed win, by their names."""
-    if first.agent.function:
-        return {"best response": {"status": IMPOSSIBLE}}
-    matches = {name: first.matches.get(Pairing(TRAINED, name)) for name in first.responses}
-    found = {name: over_seeds([1 - share(match) if match else None]) for name, match in matches.items()}
-    return found or {"best response": {"status": UNPLANNED}}
 
 
 def _figure(played: Played, name: str) -> Value:
@@ -184,10 +179,9 @@ def _direct(manifest: Manifest, one: str, other: str) -> Value:
 def _over_tasks(tasks: Mapping[str, Scores]) -> Scores:
     """Return interquartile means and performance profiles over tasks that several agents have played."""
     played = dict[str, dict[str, list[float]]]()
-    for name, of_task in tasks.items():
-        for agent, found in of_task.items():
-            if "mean" in found["score"]:
-                played.setdefault(agent, {})[name] = found["score"]["seeds"]
+    for name, agent in ((name, agent) for name, of_task in tasks.items() for agent in of_task):
+        if "mean" in (score := tasks[name][agent]["score"]):
+            played.setdefault(agent, {})[name] = score["seeds"]
     agents, common = _compared(played) if played else ([], [])
     each = {agent: {name: played[agent][name] for name in common} for agent in agents if common}
     profile = functools.partial(statistics.performance_profile, thresholds=THRESHOLDS)

@@ -1,8 +1,7 @@
 """Situations: small scenes of the survival game with a known solution, which a policy passes or fails.
 
-Ratings show whom an agent beats, situations what it can do. Each puts the first agent into a scene of its own game, at
-a random place and heading in each world, and plays it for some ticks. All other agents stand still, unless the scene
-has an attacker; those that are not part of it are far behind. The solution of a situation, a scripted style, passes it.
+Each puts the first agent into a scene of its own game, at a random place and heading in each world, and plays it for
+some ticks. Other agents stand still, unless the scene has an attacker; those that are not part of it are far behind.
 """
 
 import contextlib
@@ -63,24 +62,21 @@ class Scene:
 
     def put(self, name: str | int, ahead: float = 0, left: float = 0, turned: float = 0, points: float = FULL) -> None:
         """Put an entity somewhere, turned to the left by so many radians; or the rim of the zone so far ahead."""
-        if name == "zone":
-            self._zone(ahead)
+        if name == "zone":  # a phase of it begins, so that the first agent is so far beyond its rim, which is ahead
+            numbers = self.env.scenario.numbers()
+            centre = np.stack(self._at(numbers["safe_zone_radii"][PHASE] + ahead), -1)
+            self.worlds[Zone].centres[:, PHASE : PHASE + 2] = centre[:, None]
+            self.worlds[Clock].tick[:] = PHASE * (numbers["safe_zone_stand"] + numbers["safe_zone_shrink"])
             return
-        kind, number = ("agent", self.agents[name]) if name in self.agents else (str(name), 0)
-        x, y = self._at(ahead, left)
-        values = {"points": points} if kind == "agent" else {}
-        self.env.place(kind, number, x=x, y=y, angle=self.heading + turned, **values)
+        (x, y), angle = self._at(ahead, left), self.heading + turned
+        if name in self.agents:
+            self.env.place("agent", self.agents[name], x=x, y=y, angle=angle, points=points)
+        else:
+            self.env.place(str(name), 0, x=x, y=y, angle=angle)
 
     def _at(self, ahead: float, left: float = 0.0) -> tuple[Array, Array]:
         cosine, sine = np.cos(self.heading), np.sin(self.heading)
         return self.x + ahead * cosine - left * sine, self.y + ahead * sine + left * cosine
-
-    def _zone(self, beyond: float) -> None:
-        """Let a phase of the zone begin, so that the first agent is so many metres beyond its rim, which is ahead."""
-        numbers = self.env.scenario.numbers()
-        centre = np.stack(self._at(numbers["safe_zone_radii"][PHASE] + beyond), -1)
-        self.worlds[Zone].centres[:, PHASE : PHASE + 2] = centre[:, None]
-        self.worlds[Clock].tick[:] = PHASE * (numbers["safe_zone_stand"] + numbers["safe_zone_shrink"])
 
     def row(self, name: str) -> int:
         """Return the row of an entity."""
@@ -89,25 +85,25 @@ class Scene:
 
     def points(self) -> Array:
         """Return the hit points of the first agent, (worlds,)."""
-        return np.asarray(self.worlds[Health].points[:, self.row("me")])
+        return self.worlds[Health].points[:, self.row("me")]
 
     def carries(self, name: str, item: str) -> Array:
         """Return whether an agent carries an item, bool (worlds,)."""
-        return np.asarray(self.worlds[Item].holder[:, self.row(item)] == self.row(name))
+        return self.worlds[Item].holder[:, self.row(item)] == self.row(name)
 
     def healed(self) -> Array:
         """Return whether the first agent carries the heal or has used it unhurt, bool (worlds,)."""
-        return np.asarray(self.carries("me", "heal") | (self.points() > FULL))
+        return self.carries("me", "heal") | (self.points() > FULL)
 
     def alive(self, name: str) -> Array:
         """Return whether an agent lives, bool (worlds,)."""
-        return np.asarray(self.worlds[Entity].alive[:, self.row(name)] > 0)
+        return self.worlds[Entity].alive[:, self.row(name)] > 0
 
     def safe(self) -> Array:
         """Return whether the first agent lives inside the zone, bool (worlds,)."""
         zone, body, me = self.worlds[Zone], self.worlds[Body], self.row("me")
         away = np.hypot(body.x[:, me] - zone.x[:, 0], body.y[:, me] - zone.y[:, 0])
-        return np.asarray(self.alive("me") & (away <= zone.radius[:, 0]))
+        return self.alive("me") & (away <= zone.radius[:, 0])
 
     def shielded(self) -> Array:
         """Return whether a box that was set up is between the first agent and the enemy, bool (worlds,)."""
@@ -116,7 +112,7 @@ class Scene:
         found = placed & self.alive("enemy") & self.alive("me")
         for w in np.flatnonzero(found):
             found[w] = not self.env.query(int(w)).line_of_sight(self.row("me"), self.row("enemy"))
-        return np.asarray(found)
+        return found
 
 
 @dataclass(frozen=True)
@@ -209,10 +205,7 @@ SITUATIONS = (
 def attempt(
     situation: Situation, scenario: Scenario, contender: Contender | None = None, worlds: int = WORLDS
 ) -> Array | str:
-    """Return in which worlds a policy passes a situation, bool (worlds,), or what the game lacks.
-
-    contender: The policy; None: the solution. Raises TrainingError: it cannot play in this game.
-    """
+    """Return in which worlds a policy, or the solution, passes, bool (worlds,), or what the game lacks for that."""
     game = common_scenario(scenario, [contender.player] if contender and contender.player else [])
     with contextlib.closing(outlast.make_vec(game, worlds, seed=SEED, autoreset_mode="Disabled")) as env:
         env.reset(seed=SEED)
@@ -248,10 +241,7 @@ def attempt(
 def shares(
     scenario: Scenario, contender: Contender | None, progress: Callable[[int], None] = lambda done: None
 ) -> dict[str, float | str]:
-    """Return the share of worlds in which a policy passes each situation, or what the game lacks for it.
-
-    contender: The policy; None: the solutions. progress: Called with 1 for each situation.
-    """
+    """Return the share of worlds in which a policy, or the solution, passes each situation, or what the game lacks."""
     found = dict[str, float | str]()
     for situation in SITUATIONS:
         played = attempt(situation, scenario, contender)

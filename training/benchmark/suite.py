@@ -1,8 +1,7 @@
 """The suite: opponents that no agent is trained against, the same for all agents, with fixed ratings.
 
 These are scripted styles, and anchors: frozen policies of rising strength, of which the strongest beats every style.
-For each task, `outlast benchmark anchors` makes a file anchors/TASK.safetensors with all its anchors and the ratings of
-the suite in that task.
+`outlast benchmark anchors` makes the file of a task, anchors/TASK.safetensors, with all its anchors and ratings.
 """
 
 import contextlib
@@ -136,7 +135,11 @@ def make(
     cannot be written. progress: Called with the number of matches done, and that of all matches.
     """
     labels([str(source.resolve()) for source in sources])  # none twice
-    anchors = [_rounded(source) for source in sources]
+    anchors = list[Anchor]()
+    for source in sources:  # weights are kept in half precision
+        header, policies = weights_of(source, critic=False)
+        halves = [{name: values.astype(np.float16) for name, values in one.items()} for one in policies]
+        anchors.append((header, [{name: half.astype(np.float32) for name, half in one.items()} for one in halves]))
     if any(_kind(each) != _kind(anchors[0]) for each in anchors):
         raise TrainingError("anchors of a task must be of one preset and one kind of game: leave out the others")
     players = [*map(SuiteOpponent, task.styles), *(SuiteOpponent("", anchor=anchor) for anchor in anchors)]
@@ -161,13 +164,6 @@ def make(
     path = folder / f"{task.name}{policy_file.SUFFIX}"
     policy_file.write(path, header, stacked)
     return path
-
-
-def _rounded(source: Path) -> Anchor:
-    """Return the header and the weights of a policy, in half precision as they are kept. Raises TrainingError."""
-    header, policies = weights_of(source, critic=False)
-    kept = [{name: values.astype(np.float16) for name, values in one.items()} for one in policies]
-    return header, [{name: values.astype(np.float32) for name, values in one.items()} for one in kept]
 
 
 def _kind(anchor: Anchor) -> tuple[Content, list[dict[str, tuple[int, ...]]]]:

@@ -33,8 +33,7 @@ SIZE = (7.0, 3.4)  # inches
 def write(found: scores.Scores, games: Sequence[dict[str, Any]], folder: Path) -> list[Path]:
     """Write all tables. Return the paths. games: Those of people. Raises TrainingError."""
     contents = {"table.md": markdown(found, games).encode(), "table.csv": as_csv(found).encode(), **dict(_more(found))}
-    write_files({folder / name: content for name, content in contents.items()})
-    return [folder / name for name in contents]
+    return write_files({folder / name: content for name, content in contents.items()})
 
 
 def markdown(found: scores.Scores, games: Sequence[dict[str, Any]] = ()) -> str:
@@ -103,6 +102,10 @@ def _by_task(tasks: Mapping[str, Mapping[str, scores.Scores]]) -> Iterator[list[
             outside = [value for name, value in each["games"].items() if name != TRAINED]
             others = [value for mate, value in each["mates"].items() if mate != SELF]
             passed = [share >= SHARE for share in each["situations"].values()]
+            lost = []  # to best responses: "scratch 5 M 0.60", or a status
+            for name, value in each["exploitability"].items():
+                kind, _, steps = name.partition(" ")
+                lost.append((f"{kind} {int(steps) / 1e6:g} M " if steps.isdigit() else "") + _cell(value, 2))
             yield [
                 task,
                 _marked(agent, of_task),
@@ -112,17 +115,11 @@ def _by_task(tasks: Mapping[str, Mapping[str, scores.Scores]]) -> Iterator[list[
                 _mean(outside, 3),
                 _mean(others, 2),
                 _cell(each["mates"][SELF], 2) if others else "",
-                ", ".join(f"{_short(name)}{_cell(value, 2)}" for name, value in each["exploitability"].items()),
+                ", ".join(lost),
                 f"{sum(passed)} of {len(passed)}" if passed else "",
                 str(len(each["seeds"])),
                 "unknown" if None in each["steps"] or not each["steps"] else f"{max(each['steps']):,}",
             ]
-
-
-def _short(name: str) -> str:
-    """Return the name of a best response with millions of agent-steps, "scratch 5 M "; "" without any."""
-    kind, _, steps = name.partition(" ")
-    return f"{kind} {int(steps) / 1e6:g} M " if steps.isdigit() else ""
 
 
 def _mean(values: Sequence[scores.Value], digits: int) -> str:
@@ -188,37 +185,37 @@ def _line(axes: Any, number: int, label: str, x: Sequence[float], ys: Mapping[st
 
 
 def _draw_profile(own: scores.Scores, title: str) -> Any:
-    from ..plots.figure import figure_of
+    from matplotlib.figure import Figure
 
-    figure = figure_of(*SIZE, layout="constrained")
+    figure = Figure(SIZE, layout="constrained")
+    title += f", {len(own['common'])} task{'s' * (len(own['common']) > 1)}"
+    label = "score: win rate against the suite"
     axes = figure.subplots()
-    axes.set_title(f"{title}, {len(own['common'])} task{'s' * (len(own['common']) > 1)}")
+    axes.set(title=title, xlim=(0, 1), ylim=(0, 1.02), xlabel=label, ylabel="share of seeds that score more")
     for k, agent in enumerate(own["iqm"]):
         each = own["profile"][agent]
         _line(axes, k, agent, own["profile"]["thresholds"], {"mean": each["value"], **each}, "post")
-    label = "score: win rate against the suite"
-    axes.set(xlim=(0, 1), ylim=(0, 1.02), xlabel=label, ylabel="share of seeds that score more")
     axes.legend(frameon=False)
     return figure
 
 
 def _draw_curves(own: scores.Scores, title: str) -> Any:
-    from ..plots.figure import figure_of
+    from matplotlib.figure import Figure
 
     agents = dict.fromkeys(agent for task in own["tasks"].values() for agent in task)
     across = min(3, len(own["tasks"]))
     down = -(-len(own["tasks"]) // across)
-    figure = figure_of(SIZE[0], 0.4 + 2.0 * down, layout="constrained")
-    panels = figure.subplots(down, across, squeeze=False, sharey=True).ravel()
+    figure = Figure((SIZE[0], 0.4 + 2.0 * down), layout="constrained")
     figure.suptitle(title)
+    panels = figure.subplots(down, across, squeeze=False, sharey=True).ravel()
     for axes, (task, of_task) in zip(panels, own["tasks"].items(), strict=False):
         axes.set_title(task, fontsize="small")
+        axes.set(ylim=(0, 1), xlabel="million agent-steps")
         for k, agent in enumerate(agents):
             points = [point for point in of_task.get(agent, {}).get("curve", ()) if "mean" in point]
             known = ("mean", "low", "high") if points and "low" in points[0] else ("mean",)
             ys = {key: [point.get(key, point["mean"]) for point in points] for key in known}
             _line(axes, k, agent, [point["steps"] / 1e6 for point in points], ys)
-        axes.set(ylim=(0, 1), xlabel="million agent-steps")
     for axes in panels[len(own["tasks"]) :]:
         axes.axis("off")
     panels[0].set_ylabel("games won")

@@ -105,12 +105,12 @@ def _task(
     styles: tuple[str, ...] = STYLES,
 ) -> Task:
     """Return a task of this version. outside: Games of the test outside of training, by name."""
-    tests = [_game(TRAINED, trained, TEST_SEEDS[0])]
-    tests += [_game(*entry, seed) for seed, entry in zip(TEST_SEEDS[1:], (outside or {}).items(), strict=False)]
+    games = {TRAINED: trained, **(outside or {})}
+    tests = tuple(_game(*entry, seed) for seed, entry in zip(TEST_SEEDS, games.items(), strict=False))
     agents = trained.numbers()["agents_count"]
     mates = agents > trained.numbers().get("teams_count", agents)
     chosen_by = _game("validation", validation or trained, VALIDATION_SEED)
-    return Task(f"{name}-v2", about, trained, chosen_by, tuple(tests), styles, mates)
+    return Task(f"{name}-v2", about, trained, chosen_by, tests, styles, mates)
 
 
 def _game(name: str, game: Game, seed: int) -> TaskGame:
@@ -119,14 +119,8 @@ def _game(name: str, game: Game, seed: int) -> TaskGame:
     return TaskGame(name, measured, tuple(given.items()), seed)
 
 
-def _survival() -> Iterator[Task]:
-    for name in ("ffa_2", "ffa_3", "teams_2", "teams_3"):
-        yield _task(name, variant(name).about, variant(name))
-    scenario = variant("teams_3+health_cap+team_share+bounty+steering")
-    yield _task("teams_3-mended", "teams_3 without the flaws of the paper's game", scenario)
-
-
 def _generalisation() -> Iterator[Task]:
+    """Yield tasks whose tests are also outside of the games of training."""
     duel = variant("ffa_2+health_cap+bounty+steering")
     trained = {"melee_damage": integers(5, 15), "safe_zone_damage": integers(1, 3), "steering_speed": uniform(4.0, 6.0)}
     between = {
@@ -167,5 +161,8 @@ def _generalisation() -> Iterator[Task]:
 @functools.cache
 def tasks() -> dict[str, Task]:
     """Return all tasks, by name."""
-    hide = _task("hide_small", HIDE_SMALL.about, HIDE_SMALL, styles=("random", "scripted"))
-    return {task.name: task for task in (*_survival(), hide, *_generalisation())}
+    found = [_task(name, variant(name).about, variant(name)) for name in ("ffa_2", "ffa_3", "teams_2", "teams_3")]
+    mended = variant("teams_3+health_cap+team_share+bounty+steering")
+    found.append(_task("teams_3-mended", "teams_3 without the flaws of the paper's game", mended))
+    found.append(_task("hide_small", HIDE_SMALL.about, HIDE_SMALL, styles=("random", "scripted")))
+    return {task.name: task for task in (*found, *_generalisation())}

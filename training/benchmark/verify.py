@@ -1,8 +1,17 @@
-"""Verification: what a result claims is compared with its files, and every match is played again, action by action."""
+"""Entries that are handed in: packed into one file, and verified.
+
+What a result claims is compared with its files, and every match is played again, action by action.
+"""
 
 import contextlib
+import io
 import itertools
 import json
+import lzma
+import re
+import tempfile
+import zipfile
+import zlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -17,15 +26,21 @@ from ..arena.players import Contender
 from ..base import policy_file
 from ..base.config import TrainingConfig, parse_warm_start
 from ..base.errors import TrainingError
+from ..base.files import read_bytes, write_files
 from ..base.presets import preset
 from ..base.processes import results
-from . import scores
+from . import manifest, result, scores
 from .entry import STEPS, Entry, described, entries_of, most_steps, opponents_in, response_config
-from .games import Moves, digest, play
-from .manifest import Manifest, read
-from .result import NUMBERS, SELF, Pairing, read_json
+from .games import SUFFIX, Moves, digest, play
+from .manifest import Manifest
+from .result import NUMBERS, SELF, Pairing
 from .situations import passed
 
+PART = r"\w[\w.+-]*"
+NAMES = re.compile(rf"manifest\.json|scores\.json|{PART}/{PART}/\d+/(result\.json|{PART}\.(safetensors|npz))")
+LARGEST, MOST, MANY = 2**28, 2**30, 100_000  # maximum bytes of an archive and of all it holds, maximum files
+BROKEN = zipfile.BadZipFile, zlib.error, lzma.LZMAError, NotImplementedError, RuntimeError, EOFError, OSError
+FIRST = (1980, 1, 1, 0, 0, 0)  # the date of all files: equal results give equal bytes
 NEAR = 1e-4  # relative: smaller differences of figures are equal, since machines round sums differently
 # Share of a saved policy's actions that may differ where another machine rounds otherwise, beside a few. For the
 # policies of games.ROUNDING it is at most 1.3e-6; a search for actions to alter finds 5e-5.
@@ -34,6 +49,56 @@ ROUNDED = 2 / 64  # of situations: two of their 64 worlds may end otherwise on a
 SAME, LARGE = 0.7, 256  # cosine of two matrices, and their weights at least: one run keeps 0.98, two seeds have 0.2
 FOREIGN = "a function of the user's is not executed"
 UNCOMPARED = f"{FOREIGN}, so its choices were not compared"
+
+
+def pack(folder: Path, path: Path, small: bool = False) -> int:
+    """Write the results in a folder to an archive, and return its bytes. Raises TrainingError.
+
+    small: Whether to leave out candidates, best responses, the actions of functions, and of all seeds but the first
+    also policies and matches. Then most matches cannot be verified.
+    """
+    own = manifest.read(folder)
+    names = [manifest.NAME, *([scores.NAME] if (folder / scores.NAME).exists() else [])]
+    functions = {result.AGENT + name for name, agent in own.agents.items() if agent.function}
+    for entry in entries_of(own):
+        files = [each for suffix in (policy_file.SUFFIX, SUFFIX) for each in sorted(entry.folder.glob(f"*{suffix}"))]
+        if small:
+            kept = {each.file for each in entry.matches if each.candidate < 0 and each.against not in functions}
+            first = entry.first and not entry.agent.function
+            files = [each for each in files if first and each.name in kept | {entry.policy().name}]
+        if entry.content["policy"] is not None:
+            names += [str(each.relative_to(folder)) for each in (entry.folder / result.NAME, *files)]
+    content = io.BytesIO()
+    with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as archive:
+        for name in names:
+            archive.writestr(zipfile.ZipInfo(name, FIRST), read_bytes(folder / name), zipfile.ZIP_DEFLATED, 9)
+    write_files({path: content.getvalue()})
+    return len(content.getvalue())
+
+
+@contextlib.contextmanager
+def opened(place: Path) -> Iterator[Path]:
+    """Yield a folder of results: `place` itself, or the content of an archive. Raises TrainingError: it is neither."""
+    if place.is_dir():
+        yield place
+        return
+    if not place.is_file():
+        raise TrainingError(f"{place} does not exist: name a folder of results, or an archive ENTRY.zip")
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            with zipfile.ZipFile(io.BytesIO(read_bytes(place, LARGEST))) as archive:
+                infos = archive.infolist()
+                if len(infos) > MANY or sum(info.file_size for info in infos) > MOST:
+                    raise TrainingError(f"{place} holds more than {MANY:,} files or {MOST:,} bytes")
+                for info in infos:
+                    if NAMES.fullmatch(info.filename) is None or Path(folder, info.filename).exists():
+                        raise TrainingError(f"{place} holds {info.filename!r:.80}, which no result is called, or twice")
+                    write_files({Path(folder, info.filename): archive.read(info)})
+        except BROKEN as error:
+            raise TrainingError(f"{place} is not an archive of results: {error}") from error
+        if not Path(folder, manifest.NAME).exists():
+            raise TrainingError(f"{place} does not hold {manifest.NAME}: make an archive by `outlast benchmark pack`")
+        yield Path(folder)
 
 
 @dataclass(frozen=True)
@@ -82,21 +147,21 @@ def verify(folder: Path, at_once: int = 1, only: str = "") -> Iterator[Verificat
     at_once: Number of processes. only: See `entries_of`. Raises TrainingError: the manifest cannot be read, or belongs
     to other games.
     """
-    manifest = read(folder)
-    entries = entries_of(manifest, only)
+    made = manifest.read(folder)
+    entries = entries_of(made, only)
     plans = [checks(entry) for entry in entries]
     found = results([check for plan in plans for check in plan], at_once)
     for plan in plans:
-        first, matches = next(found), []
+        first, matches = next(found), list[Verification]()
         for match in itertools.islice(found, len(plan) - 1):
             matches.append(match)
             yield match
         yield first.of(matches)
-    for (agent, task), group in itertools.groupby(entries, key=lambda entry: (entry.name, entry.task.name)):
-        if (twins := _found(f"{agent} {task}", check_seeds, [*group])).wrong:
+    for name, group in itertools.groupby(entries, key=lambda entry: f"{entry.name} {entry.task.name}"):
+        if (twins := _found(name, check_seeds, [*group])).wrong:
             yield twins
     if (folder / scores.NAME).exists():
-        yield _found(str(folder / scores.NAME), check_scores, manifest)
+        yield _found(str(folder / scores.NAME), check_scores, made)
 
 
 def checks(entry: Entry) -> list[partial[Verification]]:
@@ -130,9 +195,9 @@ def check_seeds(entries: Sequence[Entry]) -> None:
             raise TrainingError(f"seeds {one.seed} and {other.seed} are one training")
 
 
-def check_scores(manifest: Manifest) -> None:
+def check_scores(made: Manifest) -> None:
     """Compare the scores beside the results with those that follow from the results."""
-    if json.loads(json.dumps(scores.scores([manifest]))) != read_json(manifest.folder / scores.NAME, {}):
+    if json.loads(json.dumps(scores.scores([made]))) != result.read_json(made.folder / scores.NAME, {}):
         raise TrainingError("the results have other scores: run `outlast benchmark score` again")
 
 
@@ -141,8 +206,7 @@ def check_entry(entry: Entry) -> None:
     entry.check_planned()
     content, count, policy = entry.content, len(entry.content["candidates"]), entry.content["policy"]
     if entry.agent.function:
-        known = policy is None or (policy["steps"], policy["of_task"], policy["met"]) == (None, False, [])
-        if count or not known:
+        if count or (policy and (policy["steps"], policy["of_task"], policy["met"]) != (None, False, [])):
             raise TrainingError("it is a function, of whose training nothing can be known")
     elif policy is not None:
         if count != entry.candidates:
@@ -164,11 +228,10 @@ def check_entry(entry: Entry) -> None:
 def _check_files(entry: Entry, best: int) -> None:
     """Check the files of policies that are there: what the result says of them, and how they were trained."""
     content, own = entry.content, entry.policy()
-    facts = [(entry.policy(k), given, k) for k, given in enumerate(content["candidates"])]
+    facts = [(own, content["policy"], best)]
+    facts += [(entry.policy(k), given, k) for k, given in enumerate(content["candidates"])]
     facts += [(entry.response(name), given, -1) for name, given in content["responses"].items()]
-    for path, given, k in [(own, content["policy"], best), *facts]:
-        if not path.exists():
-            continue
+    for path, given, k in (fact for fact in facts if fact[0].exists()):
         if digest(path) != given["digest"]:
             raise TrainingError(f"{path.name} is not the file that was tested")
         for what, found in described(path, entry.task).items():
@@ -182,9 +245,9 @@ def _check_files(entry: Entry, best: int) -> None:
 
 
 def check_training(path: Path, config: TrainingConfig, steps: int, own: str = "") -> None:
-    """Compare the training of a file with what the protocol prescribes: a config, and agent-steps.
+    """Raise TrainingError unless a file was trained as the protocol prescribes: by a config, for so many agent-steps.
 
-    own: The file of the policy that a best response was trained against; "": any opponents. Raises TrainingError.
+    own: The file of the policy that a best response was trained against; "": any opponents.
     """
     header = policy_file.read_header(path, ("plan", "preset", "scenario", STEPS))
     plan, wanted = dict(header["plan"]), dict(config.header()["plan"])
@@ -206,24 +269,24 @@ def check_training(path: Path, config: TrainingConfig, steps: int, own: str = ""
 
 def likeness(one: Path, other: Path) -> float:
     """Return the largest cosine of two large matrices in the same place of two policies, without critics; 0 if none."""
-    first, second = map(_matrices, (one, other))
+    first, second = (
+        {
+            (k, name): values.ravel().astype(np.float64)
+            for k, own in enumerate(policy_file.read(path)[1])
+            for name, values in own.items()
+            if values.ndim > 1 and values.size >= LARGE and not name.startswith(policy_file.CRITIC)
+        }
+        for path in (one, other)
+    )
     pairs = [(first[key], second[key]) for key in first if key in second and len(first[key]) == len(second[key])]
     return max((float(a @ b / np.sqrt((a @ a) * (b @ b)).clip(1e-30)) for a, b in pairs), default=0.0)
-
-
-def _matrices(path: Path) -> dict[tuple[int, str], np.ndarray[Any, Any]]:
-    weights = [(k, name, values) for k, own in enumerate(policy_file.read(path)[1]) for name, values in own.items()]
-    large = [own for own in weights if own[2].ndim > 1 and own[2].size >= LARGE]
-    return {(k, n): each.ravel().astype(np.float64) for k, n, each in large if not n.startswith(policy_file.CRITIC)}
 
 
 def check_situations(entry: Entry) -> None:
     """Try an entry in situations again."""
     given, own = entry.content["situations"], _agent(entry, -1)
-    if given is None:
-        raise _Missing("it has not been tried in situations")
-    if own is None:
-        raise _Missing(UNCOMPARED)
+    if given is None or own is None:
+        raise _Missing(UNCOMPARED if given is not None else "it has not been tried in situations")
     found = passed(entry.task.scenario, own)
     if given.keys() != found.keys():
         raise TrainingError(f"it has {', '.join(given) or 'none'}: the game has {', '.join(found) or 'none'}")

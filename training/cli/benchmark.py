@@ -221,8 +221,7 @@ def _score(options: argparse.Namespace) -> int:
 def _verify(options: argparse.Namespace) -> int:
     """Verify. Return exit status 1 if anything is wrong, 2 if anything could not be verified, otherwise 0."""
     from ..benchmark import manifest, scores
-    from ..benchmark.archive import opened
-    from ..benchmark.verify import verify
+    from ..benchmark.verify import opened, verify
 
     if options.action == "check" and not options.names:
         raise TrainingError("benchmark check needs archives that `outlast benchmark pack` made, as in: check mine.zip")
@@ -248,7 +247,7 @@ def _verify(options: argparse.Namespace) -> int:
 
 def _pack(options: argparse.Namespace) -> None:
     """Write an archive."""
-    from ..benchmark.archive import pack
+    from ..benchmark.verify import pack
 
     place = _place(options)
     out = options.out or place.resolve().with_suffix(".zip")
@@ -258,7 +257,7 @@ def _pack(options: argparse.Namespace) -> None:
 def _table(options: argparse.Namespace) -> None:
     """Write the tables, and print their paths."""
     from ..benchmark import manifest, people, scores, table
-    from ..benchmark.archive import opened
+    from ..benchmark.verify import opened
 
     names = [Path(name) for name in options.names] or [RESULTS]
     with contextlib.ExitStack() as stack:

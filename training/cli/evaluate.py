@@ -56,7 +56,6 @@ def run(options: argparse.Namespace) -> int:
     """Evaluate, and report the complete pairings, also after an error. Return the exit status."""
     with needed("train", "evaluating needs {}", TrainingError):
         from ..arena import evaluation as arena
-        from ..arena.films import films
     given, status = given_options(options, EvaluationOptions), 0
     numbers = {name: given[name] for name in ("episodes", "worlds", "seed", "threads")}
     game = scenario(options)
@@ -70,7 +69,7 @@ def run(options: argparse.Namespace) -> int:
         finally:
             _report(evaluation, folder, time.perf_counter() - start)
         if hidden is not None and folder is not None and not status:
-            status = _print_each(films(evaluation.scenario, evaluation.chosen, evaluation.pairings, hidden, folder))
+            status = _print_each(arena.films(evaluation, hidden, folder))
     return status
 
 

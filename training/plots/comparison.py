@@ -1,20 +1,44 @@
-"""Comparisons of `outlast plot`: groups of runs, their curves, and the table of their end values."""
+"""Comparisons of `outlast plot`: groups of runs, the curves to draw, and the table of their end values."""
 
 import hashlib
 import json
-from collections.abc import Iterator, Sequence
+import re
+import warnings
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from ..base.curves import end_value, interval
-from ..base.quantities import csv_text, digits, markdown_table, number
-from .groups import RunGroup, common, unnamed
-from .panels import Panel, drawn
-from .runs import PRESET, SCENARIO, Run
+from outlast.ecs.kernels.errors import did_you_mean
+
+from ..base.curves import Array, Curves, end_value, interval
+from ..base.errors import TrainingError
+from ..base.metrics import PAPER_NAMES
+from ..base.quantities import SUMMED, combinable, csv_text, digits, markdown_table, number
+from .runs import PRESET, SCENARIO, Run, RunGroup, common, unnamed
 
 AXES = ("steps", "time")
+ROLLOUT = "rollout/"
+FIRST = ("return", "length", "kills", "heals_used")
+LAST = "wins/"  # begins the names of curves that come after the statistics
+RARE = ("episodes", "first_death")  # like deaths by damage type, drawn only on request
+MOST = 6  # maximum curves drawn by default
+
+
+@dataclass(frozen=True)
+class Panel:
+    """A curve to draw: its name, the tags of its log, and the meaning of several tags, such as sides."""
+
+    name: str
+    tags: tuple[str, ...]
+    of: str = ""
+
+    @property
+    def title(self) -> str:
+        """The name, and how several tags are combined."""
+        how = f", {'sum' if self.name in SUMMED else 'mean'} over {self.of}" if len(self.tags) > 1 else ""
+        return (self.name if "/" in self.name else self.name.replace("_", " ")) + how  # a tag may name a file
 
 
 @dataclass(frozen=True)
@@ -41,12 +65,10 @@ class Comparison:
     @property
     def title(self) -> str:
         """Return the settings that all runs share, and the number of runs."""
-        parts = [
-            common(self.runs, lambda run: run.label or run.scenario) or common(self.runs, lambda run: run.scenario)
-        ]
-        parts += [f"preset {name}"] if (name := common(self.runs, lambda run: str(run.plan[PRESET]))) else []
-        count = len(self.runs)
-        return ", ".join([*filter(None, parts), "one run" if count == 1 else f"{count} runs"])
+        name = common(self.runs, lambda run: run.label or run.scenario) or common(self.runs, lambda run: run.scenario)
+        of_preset = f"preset {of}" if (of := common(self.runs, lambda run: str(run.plan[PRESET]))) else ""
+        count = "one run" if len(self.runs) == 1 else f"{len(self.runs)} runs"
+        return ", ".join(filter(None, (name, of_preset, count)))
 
     @property
     def faint(self) -> bool:
@@ -73,11 +95,9 @@ class Comparison:
         notes = [f"{group.label}: averaged over {', '.join(group.mixed)}, too" for group in self.groups if group.mixed]
         given = {*self.groups[0].values, *(name for group in self.groups for name in group.mixed)}
         notes += [f"Groups differ in {', '.join(others)}, too"] if (others := unnamed(self.runs, given)) else []
-        later = [run for group in self.groups for run in group.runs[1:]]
-        choosers = {str(run.plan["levels"]) for run in later if run.plan.get("levels")}
-        notes += [f"Runs differ only in the function that chooses levels: {', '.join(sorted(choosers))}"] * bool(
-            choosers
-        )
+        levels = (run.plan.get("levels") for group in self.groups for run in group.runs[1:])
+        if choosers := sorted({str(name) for name in levels if name}):
+            notes.append(f"Runs differ only in the function that chooses levels: {', '.join(choosers)}")
         short = [run for group in self.groups for run in group.unfinished]
         named = ", ".join(f"{run.origin.name} ({run.steps:,} agent-steps)" for run in short[:4])
         more = f" and {len(short) - 4} more" if len(short) > 4 else ""
@@ -95,8 +115,9 @@ class Comparison:
         heads = [*names, "seeds", "agent-steps", *(panel.title for panel in self.panels)]
         lines = []
         for group in self.groups:
-            about = *(group.values.values() or [group.label]), ", ".join(dict.fromkeys(_seeds(group)))
-            lines.append([*about, f"{_steps(group):,}", *map(_cell, self.ends(group))])
+            seeds, steps = _counted(group)
+            about = group.values.values() or [group.label]
+            lines.append([*about, ", ".join(dict.fromkeys(seeds)), f"{steps:,}", *map(_cell, self.ends(group))])
         means = "End values: the mean of the last tenth of each run"
         several = any(len(group.ended) > 1 for group in self.groups)
         within = ", then over runs [95 % interval of that mean, by Student's t]" * several
@@ -108,9 +129,10 @@ class Comparison:
         heads = "curve", "runs", "seeds", "agent-steps", "mean", "low 95 %", "high 95 %", "lowest", "highest"
         rows = list[list[object]]()
         for group in self.groups:
+            seeds, steps = _counted(group)
             for panel, ends in zip(self.panels, self.ends(group), strict=True):
                 found = [float(np.mean(ends)), *interval(ends), min(ends), max(ends)] if ends else [np.nan] * 5
-                about = [panel.name, len(ends), " ".join(_seeds(group)), _steps(group)]
+                about = [panel.name, len(ends), " ".join(seeds), steps]
                 rows.append([*group.values.values(), *about, *map(digits, found)])
         return csv_text([*self.groups[0].values, *heads], rows)
 
@@ -134,9 +156,71 @@ def _cell(ends: Sequence[float]) -> str:
     return number(float(np.mean(ends))) + ("" if np.isnan(low) else f" [{number(low)}, {number(high)}]")
 
 
-def _seeds(group: RunGroup) -> list[str]:
-    return [str(run.seed) for run in group.ended]
+def _counted(group: RunGroup) -> tuple[list[str], int]:
+    """Return the seeds whose end values count, and how many agent-steps all of them have done."""
+    return [str(run.seed) for run in group.ended], min(run.steps for run in group.ended)
 
 
-def _steps(group: RunGroup) -> int:
-    return min(run.steps for run in group.ended)
+def chosen(runs: Sequence[Run], names: Sequence[str]) -> list[Panel]:
+    """Return the panels of these names or, without names, the usual ones.
+
+    names: "length", "return" and other statistics of episodes; or tags of a log, "wins/scripted", "rollout/kills0",
+    "train/entropy". Raises TrainingError: no run has one of these curves.
+    """
+    logs = [run.curves.values for run in runs]
+    tags = list(dict.fromkeys(tag for log in logs for tag in log))
+    by_name: dict[str, list[str]] = {}
+    for tag in sorted(tags):
+        by_name.setdefault(name_of(tag, tags), []).append(tag)
+    returns = by_name.get("return", [])
+    known = {name: Panel(name, tuple(own), _owners(own, returns, logs)) for name, own in by_name.items()}
+    if not names:
+        statistics = (name for name in known if "/" not in name and not name.startswith("deaths_"))
+        rest = [name for name in statistics if name not in (*FIRST, *RARE)]
+        wins = [name for name in known if name.startswith(LAST)]
+        return [known[name] for name in (*FIRST, *rest, *wins) if name in known][:MOST]
+    if unknown := [name for name in names if name not in known and name not in tags]:
+        hint = did_you_mean(unknown[0], [*known, *tags], after=" ")
+        raise TrainingError(f"these runs have no curve '{unknown[0]}'; {hint}they have: {', '.join(known)}")
+    return [known.get(name) or Panel(name, (name,)) for name in names]
+
+
+def _owners(own: Sequence[str], returns: Sequence[str], logs: Sequence[Collection[str]]) -> str:
+    """Return the owner of each tag of a statistic: sides, as for the return, or agents if it has more tags."""
+    counts = [(sum(tag in log for tag in own), sum(tag in log for tag in returns)) for log in logs]
+    kinds = {"agents" if there > sides > 0 else "sides" for there, sides in counts if there > 1}
+    return " or ".join(sorted(kinds))
+
+
+def name_of(tag: str, tags: Sequence[str]) -> str:
+    """Return the name of a tag in commands: "length" for "rollout/steps", "kills" for "rollout/kills1"; or the tag."""
+    if not tag.startswith(ROLLOUT):
+        return tag
+    plain = re.sub(r"(0|[1-9]\d*)$", "", tag)
+    several = plain != tag and f"{plain}0" in tags
+    own = (plain if several else tag).removeprefix(ROLLOUT)
+    return next((name for name, paper in PAPER_NAMES.items() if paper == own), own)
+
+
+def drawn(run: Run, panels: Sequence[Panel]) -> Curves:
+    """Return the curves of panels, by their names; missing ones are left out."""
+    found = dict[str, Array]()
+    for panel in panels:
+        own = [run.curves.values[tag] for tag in combinable([tag for tag in panel.tags if tag in run.curves.values])]
+        if any(np.isfinite(each).any() for each in own):
+            with warnings.catch_warnings(action="ignore", category=RuntimeWarning):  # a rollout may lack all sides
+                found[panel.name] = np.sum(own, 0) if panel.name in SUMMED else np.nanmean(own, 0)  # of those present
+    return Curves(run.curves.steps, found)
+
+
+def hours(run: Run) -> Array | None:
+    """Return the hours of training at each of the run's points, float64 (points,): by the speed that it logged.
+
+    The hours of imitation, which comes first, are included.
+    """
+    speed = run.curves.values.get("time/fps")
+    if speed is None:
+        return None
+    taken = np.diff(run.curves.steps, prepend=0) / np.where(speed > 0, speed, np.nan) / 3600
+    imitation = np.nansum(run.curves.values.get("time/imitation", 0.0)) / 3600
+    return np.nancumsum(taken) + imitation

@@ -1,4 +1,4 @@
-"""Figures: style and files, lines of runs in panels, and the figure of a comparison. By matplotlib."""
+"""Figures: their style and files, panels with lines of runs, and the figure of a comparison. By matplotlib."""
 
 import io
 import re
@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from PIL import Image
@@ -17,9 +16,8 @@ from PIL.PngImagePlugin import PngInfo
 
 from ..base.curves import Array, Curves, average
 from ..base.quantities import RATING
-from .comparison import Comparison
-from .groups import RunGroup
-from .panels import drawn, hours
+from .comparison import Comparison, drawn, hours
+from .runs import RunGroup
 
 DPI = 150  # pixels an inch
 GREY = "#5b5f68"
@@ -68,18 +66,6 @@ def encoded(draw: Callable[[], Figure], form: str, about: dict[str, str], colour
     return content.getvalue()
 
 
-def figure_of(width: float, height: float, **options: Any) -> Figure:
-    """Create an empty figure of this size, in inches."""
-    figure = Figure(figsize=(width, height), **options)
-    FigureCanvasAgg(figure)
-    return figure
-
-
-def colour(rgb: tuple[int, int, int]) -> str:
-    """Return a colour in matplotlib's form."""
-    return "#{:02x}{:02x}{:02x}".format(*rgb)
-
-
 def look(number: int) -> tuple[str, Any]:
     """Return the colour and dashes of a group; when colours repeat, dashes differ."""
     return INKS[number % len(INKS)], DASHES[number // len(INKS) % len(DASHES)]
@@ -91,7 +77,7 @@ def literal(text: str) -> str:
 
 
 class Line(NamedTuple):
-    """A curve of some runs, with places on the axis for steps; see `plot_line`."""
+    """A curve of some runs, with places on the axis for steps: their moving average, and points or a band behind it."""
 
     runs: Sequence[Curves]
     name: str
@@ -99,8 +85,6 @@ class Line(NamedTuple):
     dash: Any
     points: bool = True  # whether the points of a single run are shown
     common: bool = False  # see `average`
-    front: int = 3
-    width: float = 1.7
 
 
 def plot_line(axes: Axes, line: Line) -> None:
@@ -108,25 +92,13 @@ def plot_line(axes: Axes, line: Line) -> None:
     found = average(line.runs, line.name, common=line.common)
     if not len(found.steps):  # one ends before another begins
         return
-    looks: dict[str, Any] = {"color": line.ink, "linestyle": line.dash, "zorder": line.front}
-    marker = "o" if len(found.steps) == 1 else ""
-    axes.plot(found.steps, found.mean, linewidth=line.width, marker=marker, markersize=4, **looks)
+    looks: dict[str, Any] = {"color": line.ink, "linestyle": line.dash, "linewidth": 1.7, "zorder": 3}
+    axes.plot(found.steps, found.mean, marker="o" if len(found.steps) == 1 else "", markersize=4, **looks)
     if len(line.runs) > 1:
         axes.fill_between(found.steps, found.low, found.high, color=line.ink, alpha=0.16, linewidth=0, zorder=1)
     elif line.points:
         (run,) = line.runs
         axes.plot(run.steps, run.values[line.name], color=line.ink, linewidth=0.5, alpha=0.3, zorder=1)
-
-
-def finish(axes: Axes, *, from_0: bool = True) -> None:
-    """Start the vertical axis at 0 if all values are above; not for ratings, where only differences matter."""
-    _, high = axes.get_ylim()
-    lines = [np.asarray(line.get_ydata(), float) for line in axes.lines]
-    if from_0 and lines and min(np.nanmin(line) for line in lines) >= 0:
-        top = max(high, 1.05 * max(np.nanmax(line) for line in lines))
-        axes.set_ylim(0, top if top > 0 else 1)
-    axes.grid(alpha=0.25, linewidth=0.6)
-    axes.tick_params(length=0)
 
 
 def write_notes(figure: Figure, title: str, notes: Sequence[str]) -> None:
@@ -137,43 +109,25 @@ def write_notes(figure: Figure, title: str, notes: Sequence[str]) -> None:
     figure.text(0.02, 1 - 0.38 / height, text, fontsize=8, color=GREY, va="top", linespacing=1.35)
 
 
-def entry(label: str, ink: str, dash: Any = "-") -> Line2D:
-    """Create an entry of a legend."""
-    return Line2D([], [], color=ink, linestyle=dash, linewidth=2.2, label=literal(label))
-
-
 def picture(comparison: Comparison, form: str) -> bytes:
     """Return the figure as the content of a file, "png" or "svg"; the same runs give the same bytes."""
     return encoded(lambda: draw(comparison), form, {"Title": comparison.title, "Source": comparison.digest()})
 
 
 def draw(comparison: Comparison) -> Figure:
-    """Draw a row of panels for every two quantities, under a heading with the legend."""
-    panels = comparison.panels
-    columns = min(COLUMNS, len(panels))
-    rows = -(-len(panels) // columns)
-    head = _Head(comparison)
-    height = head.height + rows * PANEL + 0.3
-    figure = figure_of(WIDTH, height)
-    grid = figure.subplots(rows, columns, squeeze=False)
-    top, bottom = 1 - (head.height + 0.25) / height, 0.5 / height
-    figure.subplots_adjust(left=0.085, right=0.972, bottom=bottom, top=top, hspace=0.34, wspace=0.2)
+    """Draw a panel for each curve of a comparison, with a line for each group that has it."""
     longest, scale, unit = _axis(comparison)
-    for axes, panel in zip(grid.flat, panels, strict=False):
-        axes.set_title(literal(panel.title))
-        axes.set_xlim(0, longest)
+    panels, common = list[tuple[str, list[Line]]](), comparison.x == "time"
+    for panel in comparison.panels:
+        lines = list[Line]()
         for k, group in enumerate(comparison.groups):
-            curves = [Curves(where / scale, own) for where, own in _curves(comparison, group) if panel.name in own]
-            if curves:
-                common = comparison.x == "time"
-                plot_line(axes, Line(curves, panel.name, *look(k), points=comparison.faint, common=common))
-        finish(axes, from_0=not panel.name.startswith(RATING))
-    for axes in grid.flat[len(panels) :]:
-        axes.set_axis_off()
-    for axes in grid.flat[max(0, len(panels) - columns) : len(panels)]:
-        axes.set_xlabel(unit)
-    head.write(figure)
-    return figure
+            own = [Curves(where / scale, each) for where, each in _curves(comparison, group) if panel.name in each]
+            if own:
+                lines.append(Line(own, panel.name, *look(k), points=comparison.faint, common=common))
+        panels.append((panel.title, lines))
+    legend = [(group.label, *look(k)) for k, group in enumerate(comparison.groups)]
+    notes = [comparison.drawn_how, *comparison.notes()]
+    return panels_of(comparison.title, notes, legend if len(legend) > 1 else [], panels, longest / scale, unit)
 
 
 def _curves(comparison: Comparison, group: RunGroup) -> Iterator[tuple[Array, dict[str, Array]]]:
@@ -187,43 +141,66 @@ def _curves(comparison: Comparison, group: RunGroup) -> Iterator[tuple[Array, di
 def _axis(comparison: Comparison) -> tuple[float, float, str]:
     """Return the end of the axis, the divisor that makes its numbers short, and its label."""
     if comparison.x == "steps":
-        longest = float(max(run.steps for run in comparison.runs))
-        units = STEPS
+        longest, units = float(max(run.steps for run in comparison.runs)), STEPS
     else:
         longest = max(min(float(where[-1]) for where, _ in _curves(comparison, each)) for each in comparison.groups)
         units = HOURS
-    scale, name = next((pair for pair in units if longest >= pair[0]), units[-1])
-    return longest / scale, scale, name
+    return longest, *next((pair for pair in units if longest >= pair[0]), units[-1])
 
 
-class _Head:
-    """Title, notes and legend, above the panels."""
+def panels_of(
+    title: str,
+    notes: Sequence[str],
+    legend: Sequence[tuple[str, str, Any]],
+    panels: Sequence[tuple[str, Sequence[Line]]],
+    end: float,
+    unit: str,
+) -> Figure:
+    """Draw panels in pairs, each with its title and lines, under a title, notes and a legend: labels, colours, dashes.
 
-    def __init__(self, comparison: Comparison) -> None:
-        self.title = comparison.title
-        notes = [comparison.drawn_how, *comparison.notes()]
-        self.notes = [line for note in notes for line in textwrap.wrap(note, LINE)]
-        labels = [group.label for group in comparison.groups] if len(comparison.groups) > 1 else []
-        self.labels = [_wrapped(label, int((WIDTH - 0.65) / LETTER)) for label in labels]
-        widest = max((len(line) for label in self.labels for line in label.splitlines()), default=0)
-        self.beside = max(1, min(BESIDE, int(WIDTH / (LETTER * widest + 0.65))))
-        lines = [label.count("\n") + 1 for label in self.labels]
-        self.rows = sum(lines) if self.beside == 1 else -(-len(lines) // self.beside)
-        self.height = 0.42 + ROW * len(self.notes) + 0.215 * self.rows
-
-    def write(self, figure: Figure) -> None:
-        write_notes(figure, self.title, self.notes)
-        if self.labels:
-            figure.legend(
-                handles=[entry(label, *look(k)) for k, label in enumerate(self.labels)],
-                loc="upper left",
-                bbox_to_anchor=(0.012, 1 - (0.36 + ROW * len(self.notes)) / figure.get_figheight()),
-                ncols=self.beside,
-                frameon=False,
-                handlelength=2.4,
-                columnspacing=1.6,
-                borderaxespad=0,
-            )
+    end, unit: The end of all horizontal axes, which begin at 0, and their label.
+    """
+    notes = [line for note in notes for line in textwrap.wrap(note, LINE)]
+    labels = [_wrapped(label, int((WIDTH - 0.65) / LETTER)) for label, _, _ in legend]
+    widest = max((len(line) for label in labels for line in label.splitlines()), default=0)
+    beside = max(1, min(BESIDE, int(WIDTH / (LETTER * widest + 0.65))))
+    below = sum(label.count("\n") + 1 for label in labels) if beside == 1 else -(-len(labels) // beside)
+    head, columns = 0.42 + ROW * len(notes) + 0.215 * below, min(COLUMNS, len(panels))
+    rows = -(-len(panels) // columns)
+    height = head + rows * PANEL + 0.3
+    figure = Figure((WIDTH, height))
+    grid = figure.subplots(rows, columns, squeeze=False).ravel()
+    top, bottom = 1 - (head + 0.25) / height, 0.5 / height
+    figure.subplots_adjust(left=0.085, right=0.972, bottom=bottom, top=top, hspace=0.34, wspace=0.2)
+    for axes, (name, lines) in zip(grid, panels, strict=False):
+        axes.set_title(literal(name))
+        axes.set_xlim(0, end)
+        for line in lines:
+            plot_line(axes, line)
+        values = [np.asarray(line.get_ydata(), float) for line in axes.lines]
+        rated = any(line.name.startswith(RATING) for line in lines)  # where only differences matter
+        if values and not rated and min(map(np.nanmin, values)) >= 0:
+            axes.set_ylim(0, max(axes.get_ylim()[1], 1.05 * max(map(np.nanmax, values))) or 1)
+        axes.grid(alpha=0.25, linewidth=0.6)
+        axes.tick_params(length=0)
+    for axes in grid[len(panels) :]:
+        axes.set_axis_off()
+    for axes in grid[max(0, len(panels) - columns) : len(panels)]:
+        axes.set_xlabel(unit)
+    write_notes(figure, title, notes)
+    if legend:
+        figure.legend(
+            handles=[Line2D([], [], color=ink, linestyle=dash, linewidth=2.2) for _, ink, dash in legend],
+            labels=list(map(literal, labels)),
+            loc="upper left",
+            bbox_to_anchor=(0.012, 1 - (0.36 + ROW * len(notes)) / height),
+            ncols=beside,
+            frameon=False,
+            handlelength=2.4,
+            columnspacing=1.6,
+            borderaxespad=0,
+        )
+    return figure
 
 
 def _wrapped(label: str, width: int) -> str:

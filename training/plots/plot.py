@@ -10,10 +10,8 @@ from outlast.envs.errors import needed
 from ..base.errors import TrainingError
 from ..base.files import write_files
 from ..base.quantities import ENDS
-from .comparison import AXES, Comparison
-from .groups import group_runs
-from .panels import chosen, hours
-from .runs import load
+from .comparison import AXES, Comparison, chosen, hours
+from .runs import group_runs, load
 
 FORMS = ("png", "svg")
 FIGURE = "curves"  # name of the figure's file

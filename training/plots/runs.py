@@ -1,15 +1,17 @@
-"""Runs to be compared, of any scenario: their game, settings and all curves. Does not need PyTorch.
+"""Runs to be compared, of any scenario, and groups of those that differ only by seeds. Does not need PyTorch.
 
-They are in folders of their own, or kept: the curves of several in one file.
+Runs are in folders of their own, or kept: the curves of several in one file.
 """
 
+import itertools
 import logging
-from collections.abc import Iterable
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import MISSING, asdict, dataclass, fields
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from outlast.ecs.kernels.errors import did_you_mean
 from outlast.envs.errors import ScenarioError
 from outlast.envs.scenarios.fingerprint import fingerprint, is_fingerprint
 from outlast.envs.scenarios.variants import base, variant
@@ -18,13 +20,14 @@ from ..base import curves, policy_file
 from ..base.config import HOW, SELF, TrainingConfig
 from ..base.curves import FILE, NEEDED, Curves, Described, curves_of_log, is_known, read_curves
 from ..base.errors import EmptyRunError, TrainingError
-from ..base.presets import preset
+from ..base.presets import Hyperparameters, preset
 
 HOW_ONLY = ("seed", "device", "threads", "every", "settings", *HOW)  # keys of a plan that are not settings
 USUAL = {
     each.name: each.default for each in fields(TrainingConfig) if each.default is not MISSING
 }  # values for plans of earlier versions, which lack them
-SCENARIO, PRESET = "scenario", "preset"
+SCENARIO, PRESET, SEED = "scenario", "preset", "seed"
+OF_PRESET = {*asdict(Hyperparameters()), "rollout", "steps", "cameras_mode"}  # settings that come with a preset
 RUN_FILES = (curves.LOG, policy_file.RUN_JSON)  # files that identify the folder of a run
 ABSENT = "not there"  # in place of a number that a game lacks
 BEYOND = {
@@ -69,6 +72,37 @@ class Run:
         own = asdict(preset(self.plan[PRESET]).numbers) | self.plan.get("settings", {})
         return {SCENARIO: self.scenario, **usual, **plan, **self.numbers, **own}
 
+    def text(self, name: str) -> str:
+        """Return a setting, or the seed, as a text."""
+        return shown(self.seed if name == SEED else self.settings.get(name, ABSENT))
+
+
+@dataclass(frozen=True)
+class RunGroup:
+    """Runs of one setting, in order of seeds."""
+
+    runs: tuple[Run, ...]
+    values: dict[str, str]  # the settings that distinguish it, as texts by name; empty if it is the only group
+    mixed: tuple[str, ...]  # settings in which its own runs differ, possible if groups are formed by other settings
+
+    @property
+    def label(self) -> str:
+        """Its name in legends and tables: "melee_damage=20"; for a scenario and a preset, only their names."""
+        plain = (SCENARIO, PRESET)
+        texts = (value if name in plain else f"{name}={value}" for name, value in self.values.items())
+        return ", ".join(texts) or common(self.runs, lambda run: run.label) or self.runs[0].scenario
+
+    @property
+    def ended(self) -> tuple[Run, ...]:
+        """The runs whose end values count: the finished ones (see `unfinished`), or all if none is finished."""
+        return tuple(run for run in self.runs if run not in self.unfinished) or self.runs
+
+    @property
+    def unfinished(self) -> tuple[Run, ...]:
+        """Runs shorter than requested; if that is not recorded, shorter than 9/10 of the longest run."""
+        longest = max(run.steps for run in self.runs)
+        return tuple(run for run in self.runs if run.steps < (0.9 * longest if run.asked is None else run.asked))
+
 
 def shown(value: Any) -> str:
     """Return a value as a user types it: true, 0.5, 8,4."""
@@ -109,7 +143,10 @@ def _found(place: Path) -> list[Path]:
     if any((place / name).exists() for name in RUN_FILES):
         return [place]
     if not place.exists():
-        return [_kept_run(place)]
+        if place.name in (known := kept_runs(place.parent)):
+            return [place]
+        file = f"{place.parent / FILE} has no run {place.name}; known: {', '.join(known)}"
+        raise TrainingError(file if known else f"folder {place} does not exist")
     if place.is_file():
         raise TrainingError(f"{place} is a file: give the folder of a run, or one with runs in it or in its {FILE}")
     runs = {path.parent for name in RUN_FILES for path in place.glob(f"*/{name}")}
@@ -123,16 +160,6 @@ def _found(place: Path) -> list[Path]:
 def kept_runs(study: Path) -> dict[str, Described]:
     """Return the kept runs of a study, by name; empty if it has none. Raises TrainingError."""
     return read_curves(study / FILE) if (study / FILE).exists() else {}
-
-
-def _kept_run(place: Path) -> Path:
-    """Return the place, if it is that of a kept run. Raises TrainingError."""
-    known = kept_runs(place.parent)
-    if not known:
-        raise TrainingError(f"folder {place} does not exist")
-    if place.name not in known:
-        raise TrainingError(f"{place.parent / FILE} has no run {place.name}; known: {', '.join(known)}")
-    return place
 
 
 def run_of(origin: Path, header: policy_file.Header, curves: Curves) -> Run:
@@ -193,3 +220,85 @@ def _played(scenario: dict[str, Any]) -> dict[str, Any]:
     more |= {"order": "; ".join(" < ".join(chain) for chain in order)} if order else {}
     more |= {f"code of {name}": digest[:8] for name, (_, _, digest) in code.items()}
     return {**scenario["numbers"], **drawn, **more}
+
+
+def group_runs(runs: Sequence[Run], by: Sequence[str] = ()) -> list[RunGroup]:
+    """Put runs into groups, in order of their values.
+
+    by: Names of settings that distinguish groups; if empty, runs of a group differ by seeds only. Raises TrainingError:
+    a setting is unknown, or two runs are the same one.
+    """
+    known = [*dict.fromkeys(name for run in runs for name in run.settings), SEED]
+    if unknown := [name for name in by if name not in known]:
+        hint, differ = did_you_mean(unknown[0], known, after=" "), ", ".join([*differing(runs), SEED])
+        raise TrainingError(f"--by {unknown[0]}: unknown setting of these runs; {hint}they differ in {differ}")
+    names, found = list(by) or telling(runs), list[RunGroup]()
+    for key, own in _grouped(runs, names).items():
+        ordered = sorted(own, key=lambda run: run.seed)
+        mixed = unnamed(ordered)
+        for one, other in itertools.pairwise(ordered if not mixed else ()):
+            if one.seed == other.seed:
+                both = f"{one.origin} and {other.origin}"
+                raise TrainingError(f"{both} are the same run, or both of seed {one.seed}: give one")
+        found.append(RunGroup(tuple(ordered), dict(zip(names, key, strict=True)), tuple(mixed)))
+    return sorted(found, key=lambda group: [_order(text) for text in group.values.values()])
+
+
+def _grouped(runs: Iterable[Run], names: Sequence[str]) -> dict[tuple[str, ...], list[Run]]:
+    """Return runs by the texts of some of their settings."""
+    found: dict[tuple[str, ...], list[Run]] = {}
+    for run in runs:
+        found.setdefault(tuple(map(run.text, names)), []).append(run)
+    return found
+
+
+def differing(runs: Sequence[Run]) -> list[str]:
+    """Return the settings in which runs differ, in order of first mention."""
+    names = dict.fromkeys(name for run in runs for name in run.settings)
+    return [name for name in names if len(_grouped(runs, [name])) > 1]
+
+
+def telling(runs: Sequence[Run]) -> list[str]:
+    """Return settings that distinguish all runs that differ in any setting.
+
+    The game's name and the preset are included whenever they differ; of the game's numbers, and then of all other
+    settings, there are as few as a greedy choice finds.
+    """
+    names, chosen = differing(runs), list[str]()
+    numbers = [name for name in names if name not in OF_PRESET and any(name in run.numbers for run in runs)]
+    for name in dict.fromkeys([SCENARIO, *numbers, PRESET, *names]):
+        always = name in (SCENARIO, PRESET)
+        if name in names and (always or len(_grouped(runs, [*chosen, name])) > len(_grouped(runs, chosen))):
+            chosen.append(name)
+    return chosen
+
+
+def unnamed(runs: Sequence[Run], named: Collection[str] = ()) -> list[str]:
+    """Return settings in which runs differ, without those of `named` and those implied by them.
+
+    With a game's name come its numbers, or the other way round; with a preset comes OF_PRESET.
+    """
+    names = [name for name in differing(runs) if name not in named]
+    numbers = {name for name in names if any(name in run.numbers for run in runs)}
+    follow = set[str]()
+    if SCENARIO in (*named, *names):
+        follow |= numbers or {SCENARIO}
+    if PRESET in (*named, *names):
+        follow |= OF_PRESET
+    if {SCENARIO, PRESET, "agents_count"} & {*named, *names}:
+        follow |= {"worlds"}  # a preset has fewer worlds for more agents
+    return [name for name in names if name not in follow]
+
+
+def _order(text: str) -> tuple[float, str]:
+    """Return a key that sorts numbers by size, before words."""
+    try:
+        return float(text), ""
+    except ValueError:
+        return float("inf"), text
+
+
+def common(runs: Sequence[Run], get: Callable[[Run], str]) -> str:
+    """Return the value that all runs share; "" if they differ."""
+    found = {get(run) for run in runs}
+    return found.pop() if len(found) == 1 else ""

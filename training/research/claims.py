@@ -28,7 +28,7 @@ Measure = Callable[..., float]  # of a run of each variant of a claim; NaN if a 
 
 @dataclass(frozen=True)
 class Claim:
-    """A claim."""
+    """A claim, with a function that measures it and the range in which it holds."""
 
     text: str
     variants: tuple[str, ...]  # its games
@@ -86,7 +86,7 @@ def findings(groups: Sequence[PaperGroup]) -> Iterator[ClaimResult]:
     by_seed: dict[int, dict[str, Curves]] = {}
     for group in groups:
         for run in group.runs:
-            if run.done and not group.ablated:
+            if run not in group.unfinished and not group.ablated:
                 by_seed.setdefault(run.seed, {})[group.variant] = run.curves
     published = {name: published_curves(name) for name in (*FFA, *TEAMS)}
     for claim in claims():
@@ -135,20 +135,10 @@ def peak_at(run: Curves, quantity: Quantity) -> float:
     return float(run.steps[np.nanargmax(smooth(curve(run, quantity)))]) / MILLION
 
 
-def left(run: Curves, quantity: Quantity) -> float:
-    """Return the end value as a share of the peak."""
-    return over(end(run, quantity), peak(run, quantity))
-
-
 def at(run: Curves, quantity: Quantity, millions: float) -> float:
     """Return the moving average at a number of millions of agent-steps."""
     averages = smooth(curve(run, quantity))
     return float(averages[min(int(np.searchsorted(run.steps, millions * MILLION)), len(averages) - 1)])
-
-
-def grows(run: Curves, quantity: Quantity) -> float:
-    """Return the mean of the last third over that of the first third."""
-    return over(part(run, quantity, 2 / 3, 1), part(run, quantity, 0, 1 / 3))
 
 
 def together(run: Curves, one: Quantity, other: Quantity) -> float:
@@ -182,9 +172,16 @@ NAMED: dict[str, Measure] = {
         min(end(run, LENGTH) for run in runs[:3]), max(end(run, LENGTH) for run in runs[3:])
     ),
 }
+OF_QUANTITY: dict[str, Measure] = {
+    "left": lambda run, quantity: over(end(run, quantity), peak(run, quantity)),
+    "end": end,
+    "grows": lambda run, quantity: over(part(run, quantity, 2 / 3, 1), part(run, quantity, 0, 1 / 3)),
+    "peak": peak,
+    "peak_at": peak_at,
+}
 NAMED |= {  # a measure of a quantity of one run: "left return"
-    f"{measure.__name__} {quantity.name}": partial(measure, quantity=quantity)
-    for measure in (left, end, grows, peak, peak_at)
+    f"{name} {quantity.name}": partial(measure, quantity=quantity)
+    for name, measure in OF_QUANTITY.items()
     for quantity in (*QUANTITIES, NEAR, FAR, HELD)
 }
 

@@ -1,6 +1,7 @@
 """compare: runs of the paper's variants beside the paper's: figures, end values and peaks, and claims, as tables."""
 
 import argparse
+import itertools
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,7 @@ from outlast.envs.cli.options import output
 from outlast.envs.core.options import OUTPUT
 from outlast.envs.errors import needed
 
-from ..base.curves import KILLS, LENGTH, QUANTITIES, RETURN, EndValue, MovingAverage, Quantity, average, end_value
+from ..base.curves import KILLS, LENGTH, QUANTITIES, RETURN, EndValue, Quantity, average, end_value
 from ..base.errors import TrainingError
 from ..base.files import check_out, write_files
 from ..base.quantities import ENDS, csv_text, decimals, digits, markdown_table, number, spread, with_spread
@@ -44,55 +45,52 @@ def add(commands: Any) -> None:
 
 @dataclass(frozen=True)
 class EndRow:
-    """A quantity of a group: end values and moving averages of its runs and, if any, of the paper's."""
+    """A quantity of a group: end values and peaks of its runs, and those of the paper's."""
 
+    group: PaperGroup
     quantity: Quantity
     side: int  # -1 for all agents together
     ours: tuple[EndValue, ...]  # one for each run whose end value counts, in order of seeds
-    curve: MovingAverage
-    theirs: EndValue | None
-    their_curve: MovingAverage | None
+    peak: tuple[int, float]  # of the moving average: agent-steps and height
+    theirs: EndValue | None  # None if the paper lacks the quantity
+    their_peak: tuple[int, float] | None
 
     @property
-    def mean(self) -> float:
-        """The mean over seeds."""
-        return float(np.mean([each.mean for each in self.ours]))
+    def means(self) -> list[float]:
+        """The end value of each run."""
+        return [each.mean for each in self.ours]
 
     @property
-    def deviation(self) -> float:
-        """The deviation between points of a run: the mean over seeds."""
-        return float(np.mean([each.deviation for each in self.ours]))
+    def end(self) -> EndValue:
+        """The mean over seeds, and the deviation between points of a run: the mean over seeds."""
+        return EndValue(float(np.mean(self.means)), float(np.mean([each.deviation for each in self.ours])))
 
     @property
     def apart(self) -> float | None:
         """Our end value over the paper's, less 1; None for quantities near 0, where it means little."""
         if self.theirs is None or self.quantity not in (RETURN, LENGTH) or not self.theirs.mean:
             return None
-        return self.mean / self.theirs.mean - 1
+        return self.end.mean / self.theirs.mean - 1
+
+    @property
+    def verdict(self) -> str:
+        """Whether the end values agree: "yes", "no", "too early"; "" if unchecked."""
+        if self.apart is None or self.group.ablated:
+            return ""
+        if len(self.group.unfinished) == len(self.group.runs):
+            return "too early"
+        return "yes" if abs(self.apart) <= TOLERANCE else "no"
 
 
 def rows(group: PaperGroup) -> Iterator[EndRow]:
     """Yield a row for each curve of the group's runs."""
     for quantity in QUANTITIES:
         for tag in group.runs[0].curves.tags(quantity):
-            ours = [run.curves for run in group.ended if tag in run.curves.values]
-            theirs = [group.paper] if tag in group.paper.values else []
-            yield EndRow(
-                quantity,
-                quantity.side(tag),
-                tuple(end_value(curves.values[tag]) for curves in ours),
-                average(ours, tag),
-                *((end_value(group.paper.values[tag]), average(theirs, tag)) if theirs else (None, None)),
-            )
-
-
-def verdict(group: PaperGroup, row: EndRow) -> str:
-    """Return whether the end values agree: "yes", "no", "too early"; "" if unchecked."""
-    if row.apart is None or group.ablated:
-        return ""
-    if not all(run.done for run in group.ended):
-        return "too early"
-    return "yes" if abs(row.apart) <= TOLERANCE else "no"
+            curves = [run.curves for run in group.ended if tag in run.curves.values]
+            ours, peak = tuple(end_value(each.values[tag]) for each in curves), average(curves, tag).peak
+            there = tag in group.paper.values
+            theirs = (end_value(group.paper.values[tag]), average([group.paper], tag).peak) if there else (None, None)
+            yield EndRow(group, quantity, quantity.side(tag), ours, peak, *theirs)
 
 
 def markdown(group: PaperGroup) -> str:
@@ -100,35 +98,35 @@ def markdown(group: PaperGroup) -> str:
     seeds = ", ".join(str(run.seed) for run in group.runs)
     notes = "".join(f" {note}." for note in group.notes())
     title = f"`{group.variant}`, preset `{group.preset}`, seed{'s' * (len(group.runs) > 1)} {seeds}.{notes}"
-    return f"{title}\n\n{markdown_table(HEADS, _cells(group))}"
+    return f"{title}\n\n{markdown_table(HEADS, map(_cells, rows(group)))}"
 
 
-def _cells(group: PaperGroup) -> Iterator[list[str]]:
-    for row in rows(group):
-        yield [
-            row.quantity.name + (f", {group.side} {row.side}" if row.side >= 0 else ""),
-            _with_deviation(row.theirs.mean, row.theirs.deviation) if row.theirs else "",
-            _with_deviation(row.mean, row.deviation),
-            spread([one.mean for one in row.ours]),
-            "" if row.apart is None else f"{row.apart:+.0%}".replace("-", "−"),
-            verdict(group, row),
-            *(f"{number(c.peak[1])} at {c.peak[0] / 1e6:.1f} M" if c else "" for c in (row.their_curve, row.curve)),
-        ]
+def _cells(row: EndRow) -> list[str]:
+    return [
+        row.quantity.name + (f", {row.group.side} {row.side}" if row.side >= 0 else ""),
+        _with_deviation(row.theirs) if row.theirs else "",
+        _with_deviation(row.end),
+        spread(row.means),
+        "" if row.apart is None else f"{row.apart:+.0%}".replace("-", "−"),
+        row.verdict,
+        *(f"{number(peak[1])} at {peak[0] / 1e6:.1f} M" if peak else "" for peak in (row.their_peak, row.peak)),
+    ]
 
 
-def _with_deviation(mean: float, deviation: float) -> str:
+def _with_deviation(value: EndValue) -> str:
     """Format mean ± deviation, with the same digits; only the mean if the scatter of points is unknown."""
-    return number(mean) + ("" if np.isnan(deviation) else f" ± {deviation:,.{decimals(mean)}f}")
+    scatter = "" if np.isnan(value.deviation) else f" ± {value.deviation:,.{decimals(value.mean)}f}"
+    return number(value.mean) + scatter
 
 
 def csv_table(groups: Iterable[PaperGroup]) -> str:
     """Return the table as CSV, with a row for each quantity and all meaningful digits."""
-    records = [_record(group, row) for group in groups for row in rows(group)]
+    records = [_record(row) for group in groups for row in rows(group)]
     return csv_text(list(records[0]), (record.values() for record in records))
 
 
-def _record(group: PaperGroup, row: EndRow) -> dict[str, Any]:
-    theirs, curve, each = row.theirs, row.their_curve, [one.mean for one in row.ours]
+def _record(row: EndRow) -> dict[str, Any]:
+    group, theirs, end = row.group, row.theirs or EndValue(np.nan, np.nan), row.end
     return {
         "variant": group.variant,
         "preset": group.preset,
@@ -136,18 +134,18 @@ def _record(group: PaperGroup, row: EndRow) -> dict[str, Any]:
         "agent or team": row.side if row.side >= 0 else "",
         "seeds": " ".join(str(run.seed) for run in group.ended),
         "agent-steps": min(run.steps for run in group.ended),
-        "paper": digits(theirs.mean if theirs else np.nan),
-        "paper between points": digits(theirs.deviation if theirs else np.nan),
-        "outlast": digits(row.mean),
-        "outlast between points": digits(row.deviation),
-        "lowest seed": digits(min(each)),
-        "highest seed": digits(max(each)),
+        "paper": digits(theirs.mean),
+        "paper between points": digits(theirs.deviation),
+        "outlast": digits(end.mean),
+        "outlast between points": digits(end.deviation),
+        "lowest seed": digits(min(row.means)),
+        "highest seed": digits(max(row.means)),
         "apart": "" if row.apart is None else f"{row.apart:.4f}",
-        WITHIN: verdict(group, row),
-        "paper's peak": digits(curve.peak[1] if curve else np.nan),
-        "paper's peak at": curve.peak[0] if curve else "",
-        "outlast's peak": digits(row.curve.peak[1]),
-        "outlast's peak at": row.curve.peak[0],
+        WITHIN: row.verdict,
+        "paper's peak": digits(row.their_peak[1]) if row.their_peak else "",
+        "paper's peak at": row.their_peak[0] if row.their_peak else "",
+        "outlast's peak": digits(row.peak[1]),
+        "outlast's peak at": row.peak[0],
     }
 
 
@@ -159,12 +157,11 @@ def side_by_side(groups: Sequence[PaperGroup]) -> str:
     presets = list(dict.fromkeys(group.preset for group in groups))
     cells: dict[tuple[str, str], dict[str, str]] = {}
     for group in groups:
-        for quantity in dict.fromkeys(row.quantity for row in rows(group)):
-            own = [row for row in rows(group) if row.quantity == quantity]
+        for quantity, same in itertools.groupby(rows(group), key=lambda row: row.quantity):
+            own = list(same)
             sides = 1 if quantity == KILLS else len(own)
-            each = [sum(row.ours[k].mean for row in own) / sides for k in range(len(group.ended))]
             line = cells.setdefault((group.variant, quantity.name), {})
-            line[group.preset] = with_spread(each)
+            line[group.preset] = with_spread([sum(each) / sides for each in zip(*(row.means for row in own))])
             if own[0].theirs:
                 line[PAPER] = number(sum(row.theirs.mean for row in own if row.theirs) / sides)
     heads = ("variant", "at the end", PAPER, *(f"preset `{name}`" for name in presets))

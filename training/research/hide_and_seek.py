@@ -22,7 +22,7 @@ from ..arena.match import Estimates
 from ..base.errors import TrainingError
 from ..base.files import check_results, write_files
 from ..base.quantities import csv_text, pivot
-from ..plots.figure import encoded, figure_of, write_notes
+from ..plots.figure import encoded, write_notes
 from ..plots.plot import DRAWN
 
 FIGURE = "ticks_seen"
@@ -180,7 +180,7 @@ def report(name: str, cells: Cells) -> str:
 def draw(runs: Mapping[str, Cells]) -> Figure:
     """Draw the ticks seen of each run as a square of numbers."""
     size, head = 2.5, 0.75
-    figure = figure_of(size * len(runs) + 0.45, size + head)
+    figure = Figure((size * len(runs) + 0.45, size + head))
     grid = figure.subplots(1, len(runs), squeeze=False)[0]
     figure.subplots_adjust(left=0.45 / figure.get_figwidth(), right=0.995, bottom=0.15, top=0.74, wspace=0.14)
     most = max(mean for cells in runs.values() for mean, _ in (each[FIGURE] for each in cells.values()))

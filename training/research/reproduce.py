@@ -1,9 +1,11 @@
-"""reproduce: the paper's experiments and further ones, trained, measured and drawn in one command."""
+"""reproduce: the paper's eight experiments, its method as the text has it, and corrected games, in one command."""
 
 import argparse
+import ast
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,10 +16,12 @@ from outlast.envs.core.options import MACHINE, OUTPUT
 from outlast.envs.errors import FilmError, install
 from outlast.envs.progress import Progress, above_bars
 from outlast.envs.rendering.films import compress, find_ffmpeg
-from outlast.envs.rollout.saved import newest
+from outlast.envs.rollout.saved import checkpoints, newest
+from outlast.envs.scenarios.parse import resolve
 from outlast.envs.scenarios.scenario import Scenario
+from outlast.envs.scenarios.variants import VARIANTS
 
-from ..base import policy_file
+from ..base import curves, policy_file
 from ..base.curves import FILE, format_curves, rounded, thinned
 from ..base.errors import TrainingError
 from ..base.files import check_out, write_files
@@ -28,15 +32,126 @@ from ..policies.player import weights_of
 from ..runs.child_runs import ChildRun, side_by_side
 from . import corrected_games as mended
 from .compare import figures_and_tables
-from .experiments import PARTS, Experiment, experiments
-from .results import curves_to_keep, group_runs, load_runs
+from .results import PAPER_STEPS, curves_to_keep, group_runs, load_runs
 
-Plan = list[tuple[Experiment, int]]  # with a seed
+ORIGINAL, MENDED = "original", "mended"  # parts: the one that others are compared with; corrected games
+PARTS = {
+    ORIGINAL: "the eight variants, with the authors' networks and numbers",
+    "text": "the same by the method of the paper's text (presets paper and scaled)",
+    MENDED: "games without the paper's flaws, against a pool of opponents",
+}
+FEW_WORLDS = ("--worlds", "4")  # with many, the paper's observations do not recur (docs/paper.md)
+MANY_WORLDS = ("ffa_2", "ffa_3")  # exceptions: with 64, these end as in the paper; ffa_1 and ffa_4 do not
+MENDED_STEPS = 50_000_000
+KEPT_AS = "pool"  # name of the policies of corrected games, which differ from those of the preset alone
+POOL = ("--opponents", "self:0.5,past:0.3,scripted:0.2", "--with", "Behaviour", "--every", "5000000")
+SINGLE = {
+    "ffa_2": ("health_cap", "bounty", "rivalry", "steering"),
+    "teams_2": ("health_cap", "team_share", "bounty", "rivalry", "steering"),
+}  # games in which each flaw is corrected alone
+TOGETHER = {
+    "ffa_2": ("health_cap+bounty+steering", "health_cap+rivalry+steering"),
+    "ffa_3": ("health_cap+bounty+steering", "health_cap+rivalry+steering"),
+    "teams_2": ("health_cap+team_share+bounty+steering", "health_cap+team_share+rivalry+steering"),
+    "teams_3": ("health_cap+team_share+bounty+steering", "health_cap+team_share+rivalry+steering"),
+}
+TO_HEAL_MATES = (
+    ("teams_2", ("melee_damage=2",)),  # with the paper's 5, agents die before a mate arrives
+    ("teams_2", ("give_last_reach=10",)),  # mates are seldom within the paper's 2 metres
+    ("teams_2", ("give_last_reach=10", "melee_damage=2")),
+    ("teams_3", ("give_last_reach=10",)),
+)  # games, with their first combination of TOGETHER, which make it easier to heal each other
 Counter = Callable[[int], object]  # of tasks that are done
 FILM: dict[str, Any] = {"size": 256, "every": 6, "fps": 15, "views": "+vision"}
 CURVES = ("length", "kills", "wins/scripted", "damage_dealt", "strikes_landed", "heals_given")  # of corrected games
 POINTS, DIGITS = 64, 3  # of kept curves of corrected games, which are only drawn, as averages
-FIRST = "original"  # the part that others are compared with
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """A run for each of several seeds."""
+
+    part: str
+    game: str  # the name of a variant, with ablations
+    preset: str
+    options: tuple[str, ...] = ()  # further options of `outlast train`, without the seed
+    numbers: tuple[str, ...] = ()  # numbers of the game with other values: "melee_damage=2"
+
+    @property
+    def name(self) -> str:
+        """The game with its changed numbers, which distinguish it."""
+        return "+".join((self.game, *self.numbers))
+
+    @property
+    def scenario(self) -> Scenario:
+        """Return the game."""
+        pairs = (pair.partition("=") for pair in self.numbers)
+        return resolve(self.game, {number: ast.literal_eval(value) for number, _, value in pairs})
+
+    @property
+    def steps(self) -> int:
+        """Agent-steps of a run."""
+        return MENDED_STEPS if self.part == MENDED else PAPER_STEPS
+
+    @property
+    def seeds(self) -> int:
+        """Return the default number of runs."""
+        return 2 if self.part == MENDED else 3
+
+    def words(self, seed: int) -> list[str]:
+        """Return arguments and options of `outlast train` for a run."""
+        own = ("--steps", str(self.steps), "--seed", str(seed), "--threads", "1")
+        changed = (word for pair in self.numbers for word in ("--set", pair))
+        return [self.game, "--preset", self.preset, *changed, *self.options, *own]
+
+    def folder(self, out: Path, seed: int) -> Path:
+        """Return the folder of a run."""
+        return out / "runs" / self.part / f"{self.name}-{self.preset}-{seed}"
+
+    def kept_policy(self, out: Path, run: Path) -> Path:
+        """Return the file in which the policy of a run is kept."""
+        kind, seed = KEPT_AS if self.part == MENDED else self.preset, run.name.rpartition("-")[2]
+        return out / "policies" / self.name / f"{kind}-{seed}{policy_file.SUFFIX}"
+
+    def results(self, out: Path) -> list[Path]:
+        """Return its complete runs by seed: their folders, or kept results in the folder of the part.
+
+        A kept run with its policy does not need its folder any more. If both exist, the folder counts.
+        """
+        name = f"{self.name}-{self.preset}-"
+        steps = {out / self.part / run: done for run, done in self._kept(out).items()}
+        folders = [path for path in self.folder(out, 0).parent.glob("*") if path.name.startswith(name)]
+        steps |= {path: curves.last_step(path / curves.LOG) for path in folders if checkpoints(path)}
+        by_seed = {path.name.removeprefix(name): path for path, done in steps.items() if done >= self.steps}
+        return [by_seed[seed] for seed in sorted(filter(str.isdecimal, by_seed), key=int)]
+
+    def steps_done(self, out: Path, seed: int) -> int:
+        """Return agent-steps of a run, by its log or by kept results."""
+        folder = self.folder(out, seed)
+        return max(curves.last_step(folder / curves.LOG), self._kept(out).get(folder.name, 0))
+
+    def _kept(self, out: Path) -> dict[str, int]:
+        """Return agent-steps of all runs of its part that are kept, by name."""
+        return {name: int(curves.steps[-1]) for name, (_, curves) in kept_runs(out / self.part).items()}
+
+
+Plan = list[tuple[Experiment, int]]  # with a seed
+
+
+def experiments(parts: Iterable[str]) -> list[Experiment]:
+    """Return the experiments of some parts."""
+    every = [
+        Experiment(part, name, preset, () if name in MANY_WORLDS else FEW_WORLDS)
+        for part, preset in ((ORIGINAL, "original"), ("text", "paper"), ("text", "scaled"))
+        for name in VARIANTS
+    ]
+    for game, together in TOGETHER.items():
+        corrected = (f"{game}+{names}" for names in (*SINGLE.get(game, ()), *together))
+        every += [Experiment(MENDED, name, "fast", POOL) for name in (game, *corrected)]
+    for game, numbers in TO_HEAL_MATES:
+        every.append(Experiment(MENDED, f"{game}+{TOGETHER[game][0]}", "fast", POOL, numbers))
+    wanted = set(parts)
+    return [each for each in every if each.part in wanted]
 
 
 def add(commands: Any) -> None:
@@ -152,14 +267,21 @@ def write_part(part: str, chosen: Sequence[Experiment], out: Path, progress: Cou
     task. Raises TrainingError: runs are missing, or a file cannot be written.
     """
     there = [each for each in experiments([part]) if each.results(out)]
-    if part == "mended":
-        known = mended.read_measured(out / part / mended.FILE)
-        shown = [each for each in there if each in chosen or all(_measured(run, known) for run in each.results(out))]
+    if part == MENDED:
+        known, runs = (
+            mended.read_measured(out / part / mended.FILE),
+            {run for each in there for run in each.results(out)},
+        )
+        old = {run for run in runs if ((run / mended.FILE).exists() if run.is_dir() else run.name in known)}
+        shown = [each for each in there if each in chosen or old.issuperset(each.results(out))]
         yield from _mended(part, shown, out, progress)
     else:
         yield from _beside_the_paper(part, there, out, progress)
     for each in chosen:
-        yield _film(each.scenario, each.policy(out, each.results(out)[0]), out / part / each.film)
+        run = each.results(out)[0]
+        name = each.name if part == MENDED else f"{each.name}-{each.preset}"  # corrected games have one preset
+        policy = newest(run) if run.is_dir() else each.kept_policy(out, run)
+        yield _film(each.scenario, policy, out / part / f"{name}.webm")
         progress(1)
 
 
@@ -168,7 +290,7 @@ def _beside_the_paper(part: str, there: Sequence[Experiment], out: Path, progres
     runs = load_runs(place for each in there for place in each.results(out))
     yield from write_files(curves_to_keep(runs, out / part) | _policies(there, out))
     games = {each.game for each in there}
-    others = [each for each in experiments([FIRST]) if part != FIRST and each.game in games]
+    others = [each for each in experiments([ORIGINAL]) if part != ORIGINAL and each.game in games]
     beside = load_runs(place for each in others for place in each.results(out))
     files = figures_and_tables(group_runs(runs), "png", group_runs(beside))
     yield from write_files({out / part / name: content for name, content in files.items()})
@@ -200,11 +322,6 @@ def _mended(part: str, there: Sequence[Experiment], out: Path, progress: Counter
     for name, own in runs.items():
         yield from plot(own, study / name, by=("scenario", *changed), curves=CURVES).files
         progress(1)
-
-
-def _measured(run: Path, known: Mapping[str, Any]) -> bool:
-    """Return whether a run was measured, by its folder or by kept results."""
-    return (run / mended.FILE).exists() if run.is_dir() else run.name in known
 
 
 def _policies(there: Sequence[Experiment], out: Path) -> dict[Path, bytes]:

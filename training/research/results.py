@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass
 from functools import cached_property
 from importlib.resources import as_file, files
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from outlast.envs.errors import ScenarioError
 from outlast.envs.rollout.saved import checkpoints
@@ -15,9 +15,8 @@ from ..base import policy_file
 from ..base.curves import FILE, Curves, Quantity, format_curves, is_known, read_curves, rounded
 from ..base.errors import TrainingError
 from ..base.presets import ROLLOUT, Hyperparameters
-from ..plots.groups import differing
-from ..plots.groups import group_runs as groups_of
-from ..plots.runs import ABSENT, PRESET, SCENARIO, Run, kept_runs, load, read_kept, usual_numbers
+from ..plots.runs import ABSENT, PRESET, SCENARIO, Run, RunGroup, differing, kept_runs, load, read_kept, usual_numbers
+from ..plots.runs import group_runs as groups_of
 
 DIGITS = 4  # of values from logs of runs: kept results are small and look the same
 PAPER_STEPS = 10_000_000  # agent-steps that the authors trained each variant for, rounded up to a full rollout
@@ -45,7 +44,10 @@ def published_curves(variant: str) -> Curves:
 
 @dataclass(frozen=True)
 class PaperRun(Run):
-    """A run of one of the paper's variants, with curves of the paper's quantities and of behaviour."""
+    """A run of one of the paper's variants, with curves of the paper's quantities and of behaviour.
+
+    It is unfinished unless it is as long as the paper's.
+    """
 
     @cached_property
     def changed(self) -> dict[str, Any]:
@@ -53,11 +55,6 @@ class PaperRun(Run):
         usual = usual_numbers(self.scenario, self.plan[PRESET])
         names = sorted(self.numbers.keys() | usual.keys())
         return {key: its for key in names if (its := self.numbers.get(key, ABSENT)) != usual.get(key, ABSENT)}
-
-    @property
-    def done(self) -> bool:
-        """Return whether it is as long as the paper's."""
-        return self.steps >= PAPER_STEPS
 
     @property
     def unlike(self) -> dict[str, Any]:
@@ -77,7 +74,7 @@ class PaperRun(Run):
 
 
 @dataclass(frozen=True)
-class PaperGroup:
+class PaperGroup(RunGroup):
     """Runs of a variant with a preset, in order of seeds."""
 
     runs: tuple[PaperRun, ...]
@@ -85,12 +82,12 @@ class PaperGroup:
     @property
     def variant(self) -> str:
         """The name of the variant, with ablations."""
-        return self.runs[0].scenario
+        return self.values[SCENARIO]
 
     @property
     def preset(self) -> str:
         """The name of the preset."""
-        return str(self.runs[0].plan["preset"])
+        return self.values[PRESET]
 
     @property
     def name(self) -> str:
@@ -101,11 +98,6 @@ class PaperGroup:
     def side(self) -> str:
         """Return the word for a side: "team" or "agent"."""
         return "team" if self.variant.startswith("teams") else "agent"
-
-    @property
-    def ended(self) -> tuple[PaperRun, ...]:
-        """The runs whose end values count: the ones as long as the paper's, or all if none is."""
-        return tuple(run for run in self.runs if run.done) or self.runs
 
     @cached_property
     def paper(self) -> Curves:
@@ -119,7 +111,7 @@ class PaperGroup:
 
     def notes(self) -> list[str]:
         """Return sentences on how these runs differ from the paper's: in length, in settings."""
-        short = [f"seed {run.seed} ({run.steps / 1e6:.1f} million agent-steps)" for run in self.runs if not run.done]
+        short = [f"seed {run.seed} ({run.steps / 1e6:.1f} million agent-steps)" for run in self.unfinished]
         other = [f"{key} = {value}" for key, value in self.runs[0].unlike.items()]
         notes = ["Unfinished: " + ", ".join(short)] if short else []
         if len(self.ended) < len(self.runs):
@@ -145,7 +137,7 @@ def _of_the_paper(run: Run) -> PaperRun:
     curves = Curves(run.curves.steps, {tag: values for tag, values in run.curves.values.items() if tag in kept})
     if run.origin.is_dir():
         curves = rounded(curves, DIGITS)
-    return PaperRun(run.origin, name, run.numbers, run.plan, curves, asked=run.asked)
+    return PaperRun(run.origin, name, run.numbers, run.plan, curves, asked=PAPER_STEPS)
 
 
 def group_runs(runs: Sequence[PaperRun]) -> list[PaperGroup]:
@@ -156,10 +148,9 @@ def group_runs(runs: Sequence[PaperRun]) -> list[PaperGroup]:
     found = groups_of(runs, (SCENARIO, PRESET)) if runs else []
     for group in found:
         if group.mixed:
-            raise TrainingError(
-                f"runs of {group.label} differ in {', '.join(group.mixed)}; `outlast plot` compares them"
-            )
-    return [PaperGroup(cast(tuple[PaperRun, ...], group.runs)) for group in found]
+            mixed = ", ".join(group.mixed)
+            raise TrainingError(f"runs of {group.label} differ in {mixed}; `outlast plot` compares them")
+    return [PaperGroup(**vars(group)) for group in found]
 
 
 def files_to_keep(runs: Sequence[PaperRun], folder: Path) -> dict[Path, bytes]:
