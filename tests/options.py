@@ -116,13 +116,10 @@ def written(path: Path, function: str) -> str:
     told = found.body[0]
     parts = (0, found.lineno - 1, told.lineno - 1, told.end_lineno, None)
     before, head, docstring, after = ("".join(source[first:last]) for first, last in itertools.pairwise(parts))
-    source_of_all = declared.read_text()
-    lines = {
-        name: f"    {name}: {rest}\n" for name, rest in re.findall(r"^    (\w+): (.* = .*,)\n", source_of_all, re.M)
-    }
-    texts = {name: each[0] for name in lines if (each := re.search(ENTRY.format(name), source_of_all, re.M))}
-    if declared != MAKE:
-        lines, texts = {}, {}
+    lines, texts = dict[str, str](), dict[str, str]()
+    if declared == MAKE:  # whose docstring that of the function refers to
+        known = re.findall(r"^    (\w+): (.* = .*,)\n", declared.read_text(), re.MULTILINE)
+        lines = {name: f"    {name}: {rest}\n" for name, rest in known}
     for kind in kinds:
         lines |= parameters(declared, kind)
         texts |= arguments(kind)

@@ -33,12 +33,9 @@ TAKEN = {  # arguments of make_torchrl that a task does not take, and what to us
 class OutlastClass(TaskClass):  # type: ignore[misc]  # untyped
     """A scenario as a task of BenchMARL; vectorised, with a state, and with discrete actions and masks.
 
-    name: The name of the scenario. config: Arguments of `make_torchrl` and numbers of the scenario; by default, sides
-    are groups and observations are scaled. With actions="continuous" there are only continuous actions, and no
-    masks. scenario: The scenario, if it cannot be found by its name.
-
-    Raises:
-        ValueError: BenchMARL sets an argument of make_torchrl by itself; see TAKEN.
+    name: The name of the scenario. config: Arguments of `make_torchrl`, but for those in TAKEN, and numbers of the
+    scenario; by default, sides are groups and observations are scaled. With actions="continuous" there are only
+    continuous actions, and no masks. scenario: The scenario, if it cannot be found by its name.
     """
 
     def __init__(self, name: str, config: dict[str, Any], scenario: Scenario | None = None) -> None:
@@ -51,19 +48,14 @@ class OutlastClass(TaskClass):  # type: ignore[misc]  # untyped
     def get_env_fun(
         self, num_envs: int, continuous_actions: bool, seed: int | None, device: Any
     ) -> Callable[[], EnvBase]:
-        """Return a function that makes an environment of `num_envs` worlds.
-
-        BenchMARL calls this with the same seed for evaluation and for training; see `max_steps`.
-        """
+        # BenchMARL calls this with the same seed for evaluation and for training; see max_steps
         options = {**DEFAULTS, **self.config, "seed": seed, "device": device}
         return partial(make_torchrl, self.scenario or self.name.lower(), num_envs, **options)
 
     def supports_continuous_actions(self) -> bool:
-        """Return whether the task has actions="continuous"."""
         return bool(self.config.get("actions") == "continuous")
 
     def supports_discrete_actions(self) -> bool:
-        """Return whether actions are discrete: joint ones, unless they are continuous."""
         return not self.supports_continuous_actions()
 
     def max_steps(self, env: SurvivalTorchEnv) -> int:
@@ -80,54 +72,39 @@ class OutlastClass(TaskClass):  # type: ignore[misc]  # untyped
         return int(max(limits)) if all(limits) else LONGEST
 
     def has_render(self, env: SurvivalTorchEnv) -> bool:
-        """Return False: use `outlast frames` to make films."""
-        return False
+        return False  # `outlast frames` makes films
 
     def group_map(self, env: SurvivalTorchEnv) -> dict[str, list[str]]:
-        """Return the names of agents by group."""
         return env.group_map
 
     def observation_spec(self, env: SurvivalTorchEnv) -> Composite:
-        """Return the specs of what agents observe, by group."""
         return _entries(env, "observation")
 
     def action_mask_spec(self, env: SurvivalTorchEnv) -> Composite | None:
-        """Return the specs of action masks, by group; None for continuous actions."""
         return None if self.supports_continuous_actions() else _entries(env, "action_mask")
 
     def action_spec(self, env: SurvivalTorchEnv) -> Composite:
-        """Return the specs of actions, by group."""
         return env.full_action_spec_unbatched
 
     def state_spec(self, env: SurvivalTorchEnv) -> Composite:
-        """Return the spec of the state."""
         return Composite({"state": env.full_observation_spec_unbatched["state"].clone()})
 
     def info_spec(self, env: SurvivalTorchEnv) -> None:
-        """Return None: the environments have no info."""
         return None
 
     @staticmethod
     def env_name() -> str:
-        """Return the environment's name, used in names of tasks such as "outlast/teams_2"."""
         return "outlast"
 
 
 class OutlastTask(Task):  # type: ignore[misc]  # untyped
     """The paper's eight variants."""
 
-    FFA_1 = None
-    FFA_2 = None
-    FFA_3 = None
-    FFA_4 = None
-    TEAMS_1 = None
-    TEAMS_2 = None
-    TEAMS_3 = None
-    TEAMS_4 = None
+    FFA_1 = FFA_2 = FFA_3 = FFA_4 = None
+    TEAMS_1 = TEAMS_2 = TEAMS_3 = TEAMS_4 = None
 
     @staticmethod
     def associated_class() -> type[TaskClass]:
-        """Return the class of all these tasks."""
         return OutlastClass
 
     def get_from_yaml(self, path: str | None = None) -> TaskClass:
@@ -138,13 +115,7 @@ class OutlastTask(Task):  # type: ignore[misc]  # untyped
 def task(scenario: str | Scenario, **config: Any) -> OutlastClass:
     """Return any scenario as a task.
 
-    Args:
-        scenario: A Scenario or the name of one: "teams_2+bounty", "mygame.py:arena".
-        config: Arguments of `outlast.adapters.make_torchrl`, except those in TAKEN, and numbers of the scenario.
-
-    Raises:
-        ScenarioError: The scenario is unknown.
-        ValueError: An argument is in TAKEN.
+    config: Arguments of `outlast.adapters.make_torchrl`, and numbers of the scenario. ValueError for those in TAKEN.
     """
     found = resolve(scenario)
     return OutlastClass(found.name, config, found)

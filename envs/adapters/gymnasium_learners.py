@@ -17,53 +17,28 @@ from ..rendering.rgb import RENDER_MODES
 from ..rollout.lineup import Lineup, Others, entries_of
 from ..scenarios.known_numbers import Numbers
 from ..scenarios.scenario import Scenario
-from .per_agent import PerAgentVectorEnv, check_dead, requested
+from .base import Info, check_dead, requested
+from .gymnasium_agents import SurvivalAgentVectorEnv
 
 HUMAN = "; for a window wrap 'rgb_array' in gymnasium.wrappers.vector.HumanRendering"
 
 
-class SurvivalLearnerVectorEnv(PerAgentVectorEnv):
+class SurvivalLearnerVectorEnv(SurvivalAgentVectorEnv):
     """`num_envs` worlds, in each of which one agent learns; made by `gymnasium.make_vec`.
 
     >>> envs = gymnasium.make_vec("outlast/Teams3-v1", num_envs=64, others="scripted")
 
-    ## Description
-    A sub-environment with the seed s is bit-identical to a `SurvivalEnv` with the seed s, in observations, rewards,
-    ends and infos (which have a mask for each key).
+    A sub-environment with the seed s is bit-identical to a `SurvivalEnv` with the seed s, whose datasheet and arguments
+    it has, in observations, rewards, ends and infos: arrays (num_envs, ...), and infos have a mask for each key.
 
-    ## Action Space
-    MultiDiscrete (num_envs, actions); see `SurvivalEnv`.
-
-    ## Observation Space
-    Dict of float32 (num_envs, ...); see `SurvivalEnv`.
-
-    ## Rewards
-    float32 (num_envs,), the learner's own.
-
-    ## Starting State
     An int seed s gives sub-environment w the seed s + w, as in Gymnasium's own vector environments, so seeds 0 and 1
     have all worlds but one in common. For independent samples use seeds that are num_envs or more apart.
 
-    ## Episode End
-    As in `SurvivalEnv`; terminated and truncated are bool (num_envs,).
-
-    ## Info
-    After every call: info["alive"], bool (num_envs,), and the statistics of the episodes so far, (num_envs,) each.
-
-    ## Arguments
-    * num_envs: How many worlds.
-    * autoreset_mode: NEXT_STEP, SAME_STEP or DISABLED, or their values ("NextStep" ...).
-    * threads: How many threads step the worlds.
-    * copy: Whether observations are copies. False is faster: they are read-only views, and the next call overwrites
-      them (and any tensors that share their memory, such as those from jax.device_put).
-    * scenario, learner, others, dead, max_episode_steps, numbers: As in `SurvivalEnv`. max_episode_steps truncates
-      as gymnasium's TimeLimit does.
-    * render_mode: None, "rgb_array" or "ansi".
-    * actions, observations, scaled, action_masks: As in `outlast.adapters.make_agents`.
-
-    ## Version History
-    v1: the rules of the paper's runs.
+    Arguments beside those of `SurvivalEnv` are those of `outlast.make_vec`. max_episode_steps truncates as gymnasium's
+    TimeLimit does. render_mode: None, "rgb_array" or "ansi".
     """
+
+    _checks_all = True  # the others' actions are checked nowhere else
 
     def __init__(
         self,
@@ -91,7 +66,7 @@ class SurvivalLearnerVectorEnv(PerAgentVectorEnv):
             check_count("max_episode_steps", max_episode_steps, 1)
         self.learner, self.dead, self.max_episode_steps = learner, dead, max_episode_steps
         asked = requested(type(self).__init__, scenario, numbers)
-        super().__init__(asked, num_envs, check_joint=True, **world_options(locals()))
+        super().__init__(asked, num_envs, **world_options(locals()))
         check_dead(dead, self.base_env.worlds)
         self.base_env.stop_when(self._stops)
         self._others = Lineup(entries, self.base_env, self.learner)
@@ -125,7 +100,10 @@ class SurvivalLearnerVectorEnv(PerAgentVectorEnv):
         late = nowhere if self.max_episode_steps is None else worlds[Clock].tick[:, 0] >= self.max_episode_steps
         return ~alive(worlds)[:, self.learner] if self.dead == "end" else nowhere, late
 
-    def _info(self, where: Array) -> dict[str, Any]:
+    def _report(self, done: Array) -> Info:
+        return {}  # statistics are in every info
+
+    def _info(self, where: Array) -> Info:
         """Return info about the worlds `where`: whether the learner is alive, and statistics of the episode so far."""
         info = super()._info(where)
         for key, values in self._statistics(statistics(self.base_env.worlds, where)).items():

@@ -17,8 +17,8 @@ from ..rollout.lineup import Others, copied_others
 from ..scenarios.known_numbers import Numbers
 from ..scenarios.scenario import Scenario
 from ..snapshots.state import State
+from .base import Info, OneWorldAdapter, requested
 from .gymnasium_learners import SurvivalLearnerVectorEnv
-from .per_agent import OneWorldAdapter, requested
 
 Observation = dict[str, Array]
 
@@ -63,7 +63,7 @@ class SurvivalEnv(OneWorldAdapter, gymnasium.Env[Observation, Array]):
     * dead: "end" or "keep", see above.
     * max_episode_steps: Ticks until the episode is truncated, if that is before the scenario's limit.
     * render_mode: None, "rgb_array", "ansi" or "human".
-    * actions, observations, scaled: As in `outlast.adapters.make_agents`.
+    * actions, observations, scaled: As in `outlast.make_vec`.
     * action_masks: Whether info has "action_mask", int8 (entries,): what `action_masks` returns.
     * numbers: Numbers of the scenario to change, as for `Scenario.replace`.
 
@@ -93,7 +93,7 @@ class SurvivalEnv(OneWorldAdapter, gymnasium.Env[Observation, Array]):
     ) -> None:
         check_choice("render_mode", render_mode, (None, *RENDER_MODES, "human"))
         scenario = requested(type(self).__init__, scenario, numbers)
-        options: dict[str, Any] = {"learner": learner, "others": others, "dead": dead}
+        options: Info = {"learner": learner, "others": others, "dead": dead}
         options |= {"max_episode_steps": max_episode_steps, **world_options(locals())}
         self._recipe = partial(type(self), scenario, **options)
         self._window = Window(FPS) if render_mode == "human" else None
@@ -105,21 +105,8 @@ class SurvivalEnv(OneWorldAdapter, gymnasium.Env[Observation, Array]):
         self.observation_space = self._batch.single_observation_space
         self.action_space = self._batch.single_action_space
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observation, dict[str, Any]]:
-        """Start an episode.
-
-        Args:
-            seed: Start the first episode of this seed; None: the next episode.
-            options: Part of Gymnasium's interface; ignored.
-
-        Returns:
-            Observation and info; see the class.
-
-        Raises:
-            ValueError: The seed is not an integer from 0 to 2**64 - 1.
-        """
+    def reset(self, *, seed: int | None = None, options: Info | None = None) -> tuple[Observation, Info]:
+        """Start the first episode of `seed`, an integer from 0 to 2**64 - 1, or the next one. `options` are ignored."""
         if seed is not None:
             keys(seed, 1, 0)
             seed = int(seed)  # Gymnasium does not accept numpy's integers
@@ -128,18 +115,10 @@ class SurvivalEnv(OneWorldAdapter, gymnasium.Env[Observation, Array]):
         self._show()
         return _first(observations), _numbers(info)
 
-    def step(self, action: Array) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Advance the world by one tick.
+    def step(self, action: Array) -> tuple[Observation, float, bool, bool, Info]:
+        """Advance the world by one tick. action: Integers of any type, or a list, in the action space.
 
-        Args:
-            action: Integers of any type, or a list, in the action space.
-
-        Returns:
-            Observation, reward, terminated, truncated and info; see the class.
-
-        Raises:
-            ActionError: The action is not in the action space, or `others` returned one that is not.
-            NotResetError: The episode is over, or has not begun.
+        Raises ActionError if it is not, or if `others` returned one that is not; NotResetError between episodes.
         """
         if self.base_env._tracker.done[0]:
             raise NotResetError("step() after the end of the episode; call reset() first")
@@ -187,6 +166,6 @@ def _first(observations: Observation) -> Observation:
     return each(observations, lambda values: values[0])
 
 
-def _numbers(info: dict[str, Any]) -> dict[str, Any]:
+def _numbers(info: Info) -> Info:
     """Return the entries of info without their masks, single values as Python's numbers and several as arrays."""
     return {key: values[0].tolist() if values.ndim == 1 else values[0] for key, values in info.items() if key[0] != "_"}

@@ -24,7 +24,7 @@ from ..rendering.rgb import Window
 from ..scenarios.known_numbers import Numbers
 from ..scenarios.scenario import Scenario
 from ..snapshots.state import State
-from .per_agent import OneWorldAdapter, check_dead, requested
+from .base import OneWorldAdapter, check_dead, requested
 
 with needed("pettingzoo", "parallel_env and aec_env need PettingZoo"):
     from pettingzoo import ParallelEnv
@@ -33,6 +33,7 @@ with needed("pettingzoo", "parallel_env and aec_env need PettingZoo"):
 
 Observations = dict[str, Any]  # by name of the agent
 Infos = dict[str, dict[str, Any]]
+Outcome = tuple[Observations, dict[str, float], dict[str, bool], dict[str, bool], Infos]
 
 RENDER_MODES = (*rgb.RENDER_MODES, "human")
 METADATA = {"render_modes": list(RENDER_MODES), "render_fps": rgb.FPS, "is_parallelizable": True}
@@ -41,40 +42,21 @@ METADATA = {"render_modes": list(RENDER_MODES), "render_fps": rgb.FPS, "is_paral
 class SurvivalParallelEnv(OneWorldAdapter, ParallelEnv):  # type: ignore[misc]  # untyped, see pyproject.toml
     """One world as a PettingZoo ParallelEnv; made by `adapters.parallel_env`. Its agents are agent_0, agent_1 ...
 
-    ## Description
+    Spaces, rewards and starting states are, by agent, those of `SurvivalEnv`; observations are new in every step. With
+    action_masks="observation", an agent observes {"observation": as before, "action_mask": int8 (entries,)}. Infos are
+    {"alive": 1 or 0} for each agent, after every call; if the number of agents varies, also "present" in the episode.
+
     With dead="end", an agent's death ends its episode: it is reported once, with terminated True, and leaves `agents`,
     as usual in PettingZoo. Rewards after death, such as those of a team for its dead members, are then lost. With
     dead="keep", all agents stay until the world ends, with their rewards; the masks in observations of the dead are 0.
-
-    If the scenario varies the number of agents, `agents` are those that the episode has; with dead="keep" they are all
-    of `possible_agents`, for libraries that need the same agents in every episode. Agents that the episode lacks then
-    have observations and rewards of 0, and their actions are ignored.
-
-    ## Action Space
-    MultiDiscrete for each agent, in the paper [3, 3, 3, 2, 2, 2]: ahead, left and turn (0, 1, 2 for -1, 0, +1),
-    attack, use, give. With actions="joint" Discrete(216), with "continuous" Box(-1, 1, (6,)).
-
-    ## Observation Space
-    Dict of float32 arrays for each agent, new in every step; with observations="flat" a single array. With
-    action_masks="observation", {"observation": these, "action_mask": int8 (entries,)}.
-
-    ## Rewards
-    A float for each agent.
-
-    ## Starting State
-    reset(seed=s) begins the first episode of world 0 of `outlast.make_vec` with seed s; reset() begins the next.
-
-    ## Episode End
     Terminated is True for all agents that are left when the world ends by its rule; truncated, at the time limit.
 
-    ## Info
-    {"alive": 1 or 0} for each agent, after every call; if the number of agents varies, also "present" in the episode.
+    If the scenario varies the number of agents, `agents` are those that the episode has; with dead="keep" they are all
+    of `possible_agents`, for libraries that need the same agents in every episode.
 
     Attributes:
-        observation_spaces, action_spaces: What observation_space and action_space return, by agent.
-        statistics: The statistics of the last episode that ended, by key; {} before that. An episode ends when no agent
-            is left, even if the world could go on. The statistics are the world's: "return" also counts rewards after
-            an agent has left, and so may differ from what the agent was paid with dead="end".
+        statistics: The world's statistics of the last episode that ended, by key; {} before that. An episode ends when
+            no agent is left, even if the world could go on. "return" also counts rewards after an agent has left.
         statistics_present: If the number of agents varies, which agents and sides that episode had, bool (n,) by key.
         base_env: The SurvivalVectorEnv of one world below.
         np_random: A generator for wrappers, as SuperSuit's frame_skip_v0, which is seeded as the worlds are.
@@ -84,14 +66,7 @@ class SurvivalParallelEnv(OneWorldAdapter, ParallelEnv):  # type: ignore[misc]  
     """
 
     def __init__(
-        self,
-        scenario: Scenario,
-        *,
-        dead: str,
-        render_mode: str | None,
-        actions: str,
-        action_masks: bool | str,
-        **options: Any,
+        self, scenario: Scenario, *, dead: str, render_mode: str | None, actions: str, action_masks: Any, **options: Any
     ) -> None:
         check_choice("render_mode", render_mode, (None, *RENDER_MODES))
         if not isinstance(action_masks, (bool, np.bool_)):
@@ -124,18 +99,7 @@ class SurvivalParallelEnv(OneWorldAdapter, ParallelEnv):  # type: ignore[misc]  
         return self._of(self.action_spaces, agent)
 
     def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observations, Infos]:
-        """Start an episode.
-
-        Args:
-            seed: Start the first episode of this seed; None: the next episode, or the first of the constructor's seed.
-            options: Part of PettingZoo's interface; ignored.
-
-        Returns:
-            Observations and infos by agent.
-
-        Raises:
-            ValueError: The seed is not an integer from 0 to 2**64 - 1.
-        """
+        """Start the first episode of `seed`, an integer from 0 to 2**64 - 1, or the next one. `options` are ignored."""
         check_callable(self.base_env)
         self.base_env.reset(seed=seed)
         if seed is not None:
@@ -144,21 +108,12 @@ class SurvivalParallelEnv(OneWorldAdapter, ParallelEnv):  # type: ignore[misc]  
         self._show()
         return self._observe(self.agents), self._infos(self.agents)
 
-    def step(
-        self, actions: Mapping[str, Any]
-    ) -> tuple[Observations, dict[str, float], dict[str, bool], dict[str, bool], Infos]:
-        """Advance the world by one tick. A refused call changes nothing.
+    def step(self, actions: Mapping[str, Any]) -> Outcome:
+        """Advance the world by one tick. Results are of those in `agents` before. A refused call changes nothing.
 
-        Args:
-            actions: By agent, integers of any type in its action space, as an array or a list, or a single integer. An
-                agent that is left out does nothing; actions of the dead are ignored.
-
-        Returns:
-            Observations, rewards, terminated, truncated and infos, for those who were in `agents` before the call.
-
-        Raises:
-            ActionError: An agent is unknown, or an action is not in the action space.
-            NotResetError: The episode is over, or has not begun.
+        actions: By agent, integers of any type in its action space, as an array or a list, or a single integer. An
+        agent that is left out does nothing; actions of the dead are ignored. Raises ActionError if an agent is unknown
+        or an action not in its space; NotResetError if the episode is over, or has not begun.
         """
         check_callable(self.base_env)
         if not self.agents and not actions and self.base_env._tracker.running[0]:
@@ -209,14 +164,12 @@ class SurvivalParallelEnv(OneWorldAdapter, ParallelEnv):  # type: ignore[misc]  
         return drawn if self._window is None else None
 
     def __deepcopy__(self, memo: Any) -> Self:
-        """Return an environment that goes on from where this one is."""
         other = self._recipe()
         copy_changed(self.base_env.worlds, other.base_env.worlds)
         other.set_state(self.get_state())
-        other.agents, other.statistics = [*self.agents], copy.deepcopy(self.statistics)
-        other.statistics_present = copy.deepcopy(self.statistics_present)
         # random generators included, so that both go on with the same draws
-        other.action_spaces, other.np_random = copy.deepcopy((self.action_spaces, self.np_random))
+        for name in ("agents", "statistics", "statistics_present", "action_spaces", "np_random"):
+            setattr(other, name, copy.deepcopy(getattr(self, name)))
         return other
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -258,11 +211,11 @@ class SurvivalParallelEnv(OneWorldAdapter, ParallelEnv):  # type: ignore[misc]  
     def _observe(self, agents: Iterable[str]) -> Observations:
         fresh = each(self.base_env._observe(), lambda buffer: buffer[0].copy())
         observed = {agent: each(fresh, lambda rows: rows[self._index[agent]]) for agent in agents}  # noqa: B023
-        if self._mask_form is None:
-            return observed
-        key, dtype = self._mask_form
-        masks = self._actions.masks()[0].astype(dtype)
-        return {agent: {"action_mask": masks[self._index[agent]], key: own} for agent, own in observed.items()}
+        if self._mask_form is not None:
+            key, dtype = self._mask_form
+            masks = self._actions.masks()[0].astype(dtype)
+            return {agent: {"action_mask": masks[self._index[agent]], key: own} for agent, own in observed.items()}
+        return observed
 
     def _infos(self, agents: Iterable[str]) -> Infos:
         found = self.base_env._presence(0)
@@ -309,25 +262,15 @@ def parallel_env(
 
     >>> env = outlast.adapters.parallel_env("teams_3", dead="keep", max_episode_steps=1000, melee_damage=20)
 
+    Arguments that are not listed, numbers and errors are those of `outlast.make_vec`.
+
     Args:
-        scenario: A Scenario or the name of one: "ffa_3", "mygame.py:arena".
         render_mode: None, "rgb_array", "ansi" or "human".
-        seed: Seed of the first episode. None: an unpredictable seed.
         dead: "end": agents leave when they die. "keep": all agents stay until the world ends. See SurvivalParallelEnv.
         max_episode_steps: Ticks after which a world is truncated; it sets the scenario's ending_limit.
         max_cycles: PettingZoo's name for max_episode_steps.
-        actions: "multi", an integer for each action; "joint", one integer for all actions of an agent, 0 to 215 in the
-            paper; or "continuous", a float from -1 to 1 for each action, whose values share that range equally.
-        observations: "dict", arrays by key, or "flat", one array that joins those of all keys.
-        scaled: Whether to divide observations, and `state`, by the scales of their fields to about -1 to 1, with angles
-            wrapped; columns without bounds are clipped to -10 to 10.
         action_masks: Whether the info of each agent has "action_mask", int8 (entries,): what `action_masks` returns.
-            "observation": its observation instead, {"observation": as without, "action_mask": the same}, where Tianshou
-            and PettingZoo's classic games have it.
-        numbers: Numbers of the scenario to change, as for `Scenario.replace`.
-
-    Raises:
-        ScenarioError, NumberError, ValueError: As for `outlast.make_vec`.
+            "observation": its observation instead, where Tianshou and PettingZoo's classic games have it.
     """
     if max_cycles is not None:
         check_count("max_cycles", max_cycles, 1)
@@ -341,15 +284,7 @@ def parallel_env(
 def aec_env(scenario: str | Scenario = "ffa_3", **options: Any) -> Any:
     """Make one world as a PettingZoo AECEnv, in which agents act in turns, and the tick follows the last agent's turn.
 
-    Args:
-        scenario: A Scenario or the name of one: "ffa_3", "mygame.py:arena".
-        **options: The other arguments of `parallel_env`.
-
-    Returns:
-        The AECEnv; its `unwrapped` is the SurvivalParallelEnv that `parallel_env` returns.
-
-    Raises:
-        ScenarioError, NumberError, ValueError: As for `parallel_env`.
+    It has the arguments and errors of `parallel_env`, which makes its `unwrapped`.
     """
     return OrderEnforcingWrapper(SurvivalTurns(parallel_env(scenario, **options)))
 

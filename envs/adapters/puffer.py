@@ -14,13 +14,12 @@ from ..scenarios.known_numbers import Numbers
 from ..scenarios.parse import checks_keywords
 from ..scenarios.scenario import Scenario
 from ..snapshots.state import State
-from .per_agent import Adapter, requested
+from .base import Adapter, requested
 
 with needed("puffer", "make_puffer needs PufferLib 3"):
     from pufferlib import PufferEnv
 
 Infos = list[dict[str, Any]]
-Outcome = tuple[Array, Array, Array, Array, Infos]
 
 
 @checks_keywords
@@ -43,33 +42,21 @@ def make_puffer(
     >>> vecenv = outlast.adapters.make_puffer("ffa_3", 1024)
     >>> vecenv = pufferlib.vector.make(adapters.make_puffer, ["ffa_3", 512], num_envs=2, backend="Multiprocessing")
 
+    Arguments that are not listed, numbers and errors are those of `outlast.make_vec`.
+
     Args:
-        scenario: A Scenario or the name of one: "ffa_3", "mygame.py:arena".
-        num_worlds: How many worlds to step together.
         seed: World w is keyed by (seed, w), so that environments with different seeds have no world in common. None: an
             unpredictable seed. PufferLib resets environment j of worker i with seed + i + j, so give every environment
             its own worker (num_workers=num_envs, the default); otherwise some environments play the same worlds.
-        threads: Threads among which a step divides the worlds, with the same results.
         max_episode_steps: Ticks after which a world is truncated; it sets the scenario's ending_limit.
-        check_actions: Whether to check the range of actions; if not, an action out of range has an unspecified effect,
-            but does no harm.
-        render_mode: "rgb_array", "ansi" or None.
-        actions: "multi", an integer for each action; "joint", one integer for all actions of an agent, 0 to 215 in the
-            paper; or "continuous", a float from -1 to 1 for each action, whose values share that range equally.
-        scaled: Whether to divide observations, and `state`, by the scales of their fields to about -1 to 1, with angles
-            wrapped; columns without bounds are clipped to -10 to 10.
         buf: Arrays that PufferLib passes in.
-        numbers: Numbers of the scenario to change, as for `Scenario.replace`.
-
-    Raises:
-        ScenarioError, NumberError, ValueError: As for `outlast.make_vec`.
     """
     check_choice("render_mode", render_mode, (None, *RENDER_MODES))
     check_flags(check_actions=check_actions)
     asked = requested(make_puffer, scenario, numbers, max_episode_steps)
     more: dict[str, Any] = {"seed": seed, "threads": threads, "scaled": scaled, "observations": "flat"}
     base_env = SurvivalVectorEnv(asked, num_worlds, autoreset_mode="SameStep", copy=False, check_actions=False, **more)
-    return SurvivalPufferEnv(base_env, actions=actions, check_actions=check_actions, render_mode=render_mode, buf=buf)
+    return SurvivalPufferEnv(base_env, actions, check_actions, render_mode, buf)
 
 
 class SurvivalPufferEnv(Adapter, PufferEnv):  # type: ignore[misc]  # untyped, see pyproject.toml
@@ -85,29 +72,21 @@ class SurvivalPufferEnv(Adapter, PufferEnv):  # type: ignore[misc]  # untyped, s
     masks        bool    (num_agents,)      whether the agent of this observation is alive: info["alive"] elsewhere
     ============ ======= ================== ========================================================================
 
-    As in the paper's training, the dead stay until their world ends, with their rewards (dead="keep" of other
-    adapters); their actions are ignored. A world that ended starts again in that very step: the observation is already
-    the next episode's. PufferLib's own trainer ends returns only at terminals.
+    The dead stay until their world ends, with their rewards (dead="keep" of other adapters). A world that ended starts
+    again in that very step: the observation is already the next episode's. PufferLib's own trainer ends returns only at
+    terminals.
 
     infos: a list, empty or with one dict, which holds the statistics of the episodes that just ended: lists of numbers,
     with one for each agent or side that the episode had in statistics of agents and sides. After a truncation it also
     has "final_obs", float32 (n, size): the last observations of the rows that are truncated, in order, so that a
     learner can add their values to `rewards[truncations]`. In batches of several environments, join those of all infos.
 
-    base_env.flat_names are the names of the columns of observations.
-
-    Attributes:
-        base_env: The SurvivalVectorEnv below, whose autoreset mode is SAME_STEP.
+    base_env: The SurvivalVectorEnv below, whose autoreset mode is SAME_STEP, and whose flat_names are the names of the
+    columns of observations.
     """
 
     def __init__(
-        self,
-        base_env: SurvivalVectorEnv,
-        *,
-        actions: str,
-        check_actions: bool,
-        render_mode: str | None,
-        buf: dict[str, Array] | None,
+        self, base_env: SurvivalVectorEnv, actions: str, check_actions: bool, render_mode: str | None, buf: Any
     ) -> None:
         self.base_env, self.check_actions, self.render_mode = base_env, check_actions, render_mode
         self.num_worlds, self.num_agents = base_env.num_worlds, base_env.num_worlds * base_env.num_agents
@@ -122,11 +101,10 @@ class SurvivalPufferEnv(Adapter, PufferEnv):  # type: ignore[misc]  # untyped, s
         self.base_env.reset(seed=seed)
         return self._beginning(), []
 
-    def step(self, actions: Array) -> Outcome:
-        """Advance every world by one tick, and start new episodes in worlds that ended.
+    def step(self, actions: Array) -> tuple[Array, Array, Array, Array, Infos]:
+        """Advance every world by one tick, and start new episodes in worlds that ended. actions: those of all rows.
 
-        actions: those of all rows, as in the action space. Returns (observations, rewards, terminals, truncations,
-        infos). A refused call (ActionError, NotResetError, ClosedError) changes nothing.
+        A refused call (ActionError, NotResetError, ClosedError) changes nothing.
         """
         shape, who = (self.num_agents,), "sub-environment {0}"
         rows = self._actions.rows(actions, shape, self.check_actions, axes="num_agents", who=who)
@@ -136,14 +114,9 @@ class SurvivalPufferEnv(Adapter, PufferEnv):  # type: ignore[misc]  # untyped, s
         self._by_world(self.truncations)[:] = truncated[:, None]
         infos: Infos = []
         if "statistics" in info:
-            done = info["_statistics"]
-            there = info.get("statistics_present", {})
-            infos.append(
-                {
-                    key: values[done][there[key][done] if key in there else ...].ravel().tolist()
-                    for key, values in info["statistics"].items()
-                }
-            )
+            done, there, found = info["_statistics"], info.get("statistics_present", {}), info["statistics"]
+            ended = {key: values[done][there[key][done] if key in there else ...] for key, values in found.items()}
+            infos.append({key: values.ravel().tolist() for key, values in ended.items()})
             if truncated.any():  # an array, which PufferLib's trainer leaves out of its means
                 infos[0]["final_obs"] = np.concatenate(info["final_obs"][truncated])
         self.masks[:] = info["alive"].ravel()
@@ -155,11 +128,7 @@ class SurvivalPufferEnv(Adapter, PufferEnv):  # type: ignore[misc]  # untyped, s
         return self._actions.masks().reshape(self.num_agents, -1)
 
     def set_state(self, state: State) -> Array:
-        """Go on from `state`, of as many worlds or of one for all. Returns the observations.
-
-        Raises:
-            StateError: The state is of another scenario or does not fit; nothing was changed.
-        """
+        """Go on from `state`, of as many worlds or of one for all. Returns the observations. Raises StateError."""
         self.base_env.set_state(state)
         return self._beginning()
 

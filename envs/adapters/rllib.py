@@ -10,8 +10,8 @@ from outlast.ecs import Clock
 from ..core.validation import Array
 from ..errors import needed
 from ..snapshots.state import State
-from .per_agent import OneWorldAdapter
-from .pettingzoo import Infos, Observations, SurvivalParallelEnv, parallel_env
+from .base import OneWorldAdapter
+from .pettingzoo import Infos, Observations, Outcome, SurvivalParallelEnv, parallel_env
 
 with needed("ray", "SurvivalMultiAgentEnv needs RLlib"):
     from ray.rllib.env.env_context import EnvContext
@@ -39,15 +39,7 @@ class SurvivalMultiAgentEnv(OneWorldAdapter, MultiAgentEnv):  # type: ignore[mis
     the world is a function of s, config["seed"], worker and copy. Without any seed, worlds are unpredictable. The
     episode by which RLlib checks an environment before a run does not use up a seed.
 
-    Args:
-        config: The arguments of `adapters.parallel_env`: "scenario", "dead", "seed", "max_episode_steps", "actions",
-            "observations", "scaled", "action_masks", numbers ...
-
-    Raises:
-        ScenarioError, NumberError, ValueError: As for `outlast.adapters.parallel_env`.
-
-    Attributes:
-        base_env: The SurvivalVectorEnv of one world below.
+    config: The arguments of `adapters.parallel_env`, whose errors it raises. base_env: The SurvivalVectorEnv below.
     """
 
     def __init__(self, config: Mapping[str, Any] | None = None) -> None:
@@ -75,9 +67,7 @@ class SurvivalMultiAgentEnv(OneWorldAdapter, MultiAgentEnv):  # type: ignore[mis
         self.agents = self._parallel.agents
         return observations, infos
 
-    def step(
-        self, action_dict: Mapping[str, Any]
-    ) -> tuple[Observations, dict[str, float], dict[str, bool], dict[str, bool], Infos]:
+    def step(self, action_dict: Mapping[str, Any]) -> Outcome:
         """Take a step as SurvivalParallelEnv does; terminated also has "__all__", and truncated has nothing else."""
         observations, rewards, terminated, truncated, infos = self._parallel.step(action_dict)
         self.agents = self._parallel.agents
@@ -86,15 +76,12 @@ class SurvivalMultiAgentEnv(OneWorldAdapter, MultiAgentEnv):  # type: ignore[mis
         return observations, rewards, terminated, {"__all__": self._cut}, infos
 
     def render(self) -> Any:
-        """Return the picture, depending on config["render_mode"]."""
         return self._parallel.render()
 
     def action_masks(self) -> dict[str, Array]:
-        """Return which actions of each of `agents` can do something, bool (entries,); see SurvivalVectorEnv."""
         return self._parallel.action_masks()
 
     def set_state(self, state: State) -> Observations:
-        """Go on from `state`. Returns the observations. Raises StateError if it is of another scenario."""
         observations = self._parallel.set_state(state)
         self.agents, self._cut = self._parallel.agents, bool(self.base_env._truncated[0])
         return observations

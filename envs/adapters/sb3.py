@@ -1,6 +1,6 @@
 """Stable-Baselines3: every agent of every world is a sub-environment of a VecEnv."""
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from typing import Any, Unpack
 
 import numpy as np
@@ -8,13 +8,13 @@ import numpy as np
 from ..core.validation import Array, as_array, check_count, keys
 from ..core.vector_env import Arrays, world_options
 from ..errors import PendingError, needed
-from ..rendering.rgb import Window
+from ..rendering.rgb import Window, draw
 from ..scenarios.known_numbers import Numbers
 from ..scenarios.parse import checks_keywords
 from ..scenarios.scenario import Scenario
 from ..snapshots.state import State
+from .base import Adapter, requested
 from .gymnasium_agents import SurvivalAgentVectorEnv
-from .per_agent import Adapter, requested
 
 with needed("sb3", "make_sb3 needs Stable-Baselines3"):
     from stable_baselines3.common.vec_env import VecEnv
@@ -41,25 +41,12 @@ def make_sb3(
 
     >>> model = PPO("MultiInputPolicy", VecMonitor(outlast.adapters.make_sb3("ffa_1", 64, seed=0)))
 
+    Arguments that are not listed, numbers and errors are those of `outlast.make_vec`.
+
     Args:
-        scenario: A Scenario or the name of one: "ffa_3", "mygame.py:arena".
-        num_worlds: How many worlds to step together.
-        seed: World w is keyed by (seed, w), as by SurvivalVecEnv.seed. None: an unpredictable seed.
-        threads: Threads among which a step divides the worlds, with the same results.
         max_episode_steps: Ticks after which a world is truncated; it sets the scenario's ending_limit.
-        check_actions: Whether to check the range of actions; if not, an action out of range has an unspecified effect,
-            but does no harm.
         render_mode: None or "rgb_array"; render(mode="human") also needs "rgb_array".
         render_worlds: How many worlds, from the first on, render() shows.
-        actions: "multi", an integer for each action; "joint", one integer for all actions of an agent, 0 to 215 in the
-            paper; or "continuous", a float from -1 to 1 for each action, whose values share that range equally.
-        observations: "dict", arrays by key, or "flat", one array that joins those of all keys ("MlpPolicy").
-        scaled: Whether to divide observations, and `state`, by the scales of their fields to about -1 to 1, with angles
-            wrapped; columns without bounds are clipped to -10 to 10.
-        numbers: Numbers of the scenario to change, as for `Scenario.replace`.
-
-    Raises:
-        ScenarioError, NumberError, ValueError: As for `outlast.make_vec`.
     """
     check_count("render_worlds", render_worlds, 1)
     if render_mode not in (None, "rgb_array"):
@@ -82,12 +69,10 @@ class SurvivalVecEnv(Adapter, VecEnv):  # type: ignore[misc]  # mypy does not fo
     the episode, where agents and sides have an entry each the agent's own; and each statistic by its name, such as
     "kills", where VecMonitor's info_keywords look for it. "alive" then refers to the terminal observation.
 
-    If the number of agents varies, infos also have "present": 1, or 0 for agents that the episode does not have. Those
-    are not alive, have observations and rewards of 0, are done with their world, and have no "statistics", but 0 for
-    each by its name. VecMonitor does not know of them, and counts their episodes with a return of 0.
+    If the number of agents varies, infos also have "present", 1 or 0. Agents that an episode lacks are done with their
+    world, and have no "statistics". VecMonitor does not know of them, and counts a return of 0.
 
-    Attributes:
-        base_env: The SurvivalVectorEnv below, whose autoreset mode is NEXT_STEP.
+    base_env: The SurvivalVectorEnv below, whose autoreset mode is NEXT_STEP.
     """
 
     def __init__(self, agents: SurvivalAgentVectorEnv, *, seed: int | None, render_worlds: int) -> None:
@@ -95,27 +80,17 @@ class SurvivalVecEnv(Adapter, VecEnv):  # type: ignore[misc]  # mypy does not fo
         self.render_mode, self.render_worlds = agents.render_mode, render_worlds
         self.num_worlds, self.num_agents = agents.num_worlds, agents.num_agents
         super().__init__(agents.num_envs, agents.single_observation_space, agents.single_action_space)
-        self.metadata = {
-            "name": agents.metadata["name"],
-            "render_modes": ["rgb_array"],
-            "render_fps": agents.metadata["render_fps"],
-        }
+        self.metadata = {key: agents.metadata[key] for key in ("name", "render_fps")} | {"render_modes": ["rgb_array"]}
         self._actions: Array | None = None
         self._window: Window | None = None
         if seed is not None:
             self.seed(seed)
 
     def seed(self, seed: int | None = None) -> list[int]:
-        """Seed world w by (seed, w) at the next reset; None: by an unpredictable seed.
+        """Seed world w by (seed, w) at the next reset; None: by an unpredictable seed. Returns it once for each agent.
 
         Stable-Baselines3's own environments get seed + their number instead. Here, seeds 0 and 1 would then have all
         worlds but one in common, and learners trained with each of them would see nearly the same sample.
-
-        Returns:
-            The seed, once for each agent.
-
-        Raises:
-            ValueError: The seed is not an integer from 0 to 2**64 - 1.
         """
         if seed is None:
             seed = int(np.random.SeedSequence().generate_state(1)[0])
@@ -145,24 +120,21 @@ class SurvivalVecEnv(Adapter, VecEnv):  # type: ignore[misc]  # mypy does not fo
     def step_wait(self) -> tuple[Arrays, Array, Array, list[dict[str, Any]]]:
         """Advance every world by one tick, and start new episodes where worlds ended.
 
-        Returns observations, rewards, dones, infos. A refused call (PendingError, ActionError, NotResetError) changes
-        nothing.
+        A refused call (PendingError, ActionError, NotResetError) changes nothing.
         """
         if self._actions is None:
             raise PendingError("step_wait() without step_async()")
         actions, self._actions = self._actions, None
         observations, rewards, terminated, truncated, info = self._agents.step(actions)
-        infos = begun = _infos(info)
+        infos = _infos(info)
         if (done := terminated | truncated).any():
-            last = _infos(info["final_info"])
-            infos = [ended if over else goes_on for ended, goes_on, over in zip(last, begun, done, strict=True)]
-            own = {key: values.tolist() for key, values in info["statistics"].items()}
+            last, own = _infos(info["final_info"]), {key: each.tolist() for key, each in info["statistics"].items()}
             for i in np.flatnonzero(done).tolist():
                 found = {key: values[i] for key, values in own.items()}
-                infos[i] = found | infos[i] | {"terminal_observation": info["final_obs"][i]}
+                self.reset_infos[i] = infos[i]
+                infos[i] = found | last[i] | {"terminal_observation": info["final_obs"][i]}
                 if info["_statistics"][i]:
                     infos[i]["statistics"] = found
-                self.reset_infos[i] = begun[i]
         for each, cut in zip(infos, (truncated & ~terminated).tolist(), strict=True):
             each["TimeLimit.truncated"] = cut
         return observations, rewards, done, infos
@@ -175,8 +147,7 @@ class SurvivalVecEnv(Adapter, VecEnv):  # type: ignore[misc]  # mypy does not fo
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
         """Return an attribute of this object, which all sub-environments share, once for each of them."""
-        value = getattr(self, attr_name)
-        return [value for _ in self._chosen(indices)]
+        return [getattr(self, attr_name)] * len(self._chosen(indices))
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
         """Set an attribute of this object. As all sub-environments share it, ValueError unless all are given."""
@@ -191,28 +162,25 @@ class SurvivalVecEnv(Adapter, VecEnv):  # type: ignore[misc]  # mypy does not fo
             raise AttributeError(f"sub-environments have {known}; {method_name} was asked for")
         if method_name == "action_masks":
             return list(self.action_masks()[self._chosen(indices)])
-        return self._pictures(i // self.num_agents for i in self._chosen(indices))
+        return self._pictures([i // self.num_agents for i in self._chosen(indices)])
 
     def action_masks(self) -> Array:
         """Return which actions can do something, bool (num_envs, entries); see SurvivalVectorEnv.action_masks."""
         return self._agents.action_masks()
 
     def set_state(self, state: State) -> Arrays:
-        """Go on from `state`, of as many worlds or of one for all. Returns the observations. Raises StateError.
-
-        A step that has begun is dropped.
-        """
+        """Go on from `state`, as `make_agents` does. A step that has begun is dropped."""
         observations = self._agents.set_state(state)
         self._actions = None
         return observations
 
     def env_is_wrapped(self, wrapper_class: type[Any], indices: Any = None) -> list[bool]:
         """Return False: single environments, which could be wrapped, do not exist."""
-        return [False for _ in self._chosen(indices)]
+        return [False] * len(self._chosen(indices))
 
     def get_images(self) -> list[Array]:
         """Return a picture, uint8 (size, size, 3), for each sub-environment; agents of one world share one array."""
-        return self._pictures(i // self.num_agents for i in range(self.num_envs))
+        return self._pictures([i // self.num_agents for i in range(self.num_envs)])
 
     def render(self, mode: str | None = None) -> Array | None:
         """Draw the first `render_worlds` worlds side by side, uint8 (height, width, 3); mode "human": in a window."""
@@ -229,14 +197,12 @@ class SurvivalVecEnv(Adapter, VecEnv):  # type: ignore[misc]  # mypy does not fo
     def _chosen(self, indices: Any) -> list[int]:
         return [range(self.num_envs)[i] for i in self._get_indices(indices)]
 
-    def _pictures(self, worlds: Iterable[int]) -> list[Array]:
-        from ..rendering.rgb import draw  # imported here, as training needs no OpenCV
-
+    def _pictures(self, worlds: Sequence[int]) -> list[Array]:
         if self.render_mode is None:
             raise ValueError("pictures need a render_mode: make_sb3(..., render_mode='rgb_array')")
         self.base_env._check_running("render")
-        drawn: dict[int, Array] = {}
-        return [drawn[w] if w in drawn else drawn.setdefault(w, draw(self.base_env.worlds, w)) for w in worlds]
+        drawn = {w: draw(self.base_env.worlds, w) for w in set(worlds)}
+        return [drawn[w] for w in worlds]
 
 
 def _infos(info: dict[str, Any]) -> list[dict[str, Any]]:

@@ -20,7 +20,7 @@ from ..rendering.rgb import Pictured
 from ..scenarios.known_numbers import Numbers
 from ..scenarios.parse import checks_keywords
 from ..scenarios.scenario import Scenario
-from .per_agent import requested
+from .base import requested
 
 with needed("torchrl", "make_torchrl needs TorchRL"):
     import torch
@@ -57,26 +57,16 @@ def make_torchrl(
     >>> env = outlast.adapters.make_torchrl("teams_3", num_worlds=64, groups="sides", scaled=True)
     >>> print(env.rollout(100))
 
+    Arguments that are not listed, numbers and errors are those of `outlast.make_vec`.
+
     Args:
-        scenario: A Scenario or the name of one: "ffa_3", "mygame.py:arena".
-        num_worlds: How many worlds: the batch size.
         groups: "all": a single group, "agents". "sides": a group for each side, "team_0", or "agent_0" in free-for-all.
             "roles": a group for each role, called by its name. Or names of agents by group: {"hunters": ["agent_0"],
-            ...}.
-        seed: World w is keyed by (seed, w), as by `set_seed`. None: an unpredictable seed.
-        threads: Threads among which a step divides the worlds, with the same results.
+            ...}. ValueError if they are not the same in all episodes.
         max_episode_steps: Ticks after which a world is truncated; it sets the scenario's ending_limit.
         actions: "joint", an integer for all actions of an agent, which TorchRL's discrete losses need; "multi"; or
             "continuous", which its losses with continuous actions need.
-        observations: "flat", an array, or "dict", arrays by key.
-        scaled: Whether to divide observations, and `state`, by the scales of their fields to about -1 to 1, with angles
-            wrapped; columns without bounds are clipped to -10 to 10.
         device: The device of tensors; the worlds are on the CPU.
-        numbers: Numbers of the scenario to change, as for `Scenario.replace`.
-
-    Raises:
-        ScenarioError, NumberError: As for `outlast.make_vec`.
-        ValueError: An option is out of its range, or groups are not the same in all episodes.
     """
     asked = requested(make_torchrl, scenario, numbers, max_episode_steps)
     base_env = SurvivalVectorEnv(asked, num_worlds, autoreset_mode="Disabled", copy=False, **world_options(locals()))
@@ -120,8 +110,7 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
         self._masked = base_env.action_mask_size > 0
         self._seed: int | None = int(base_env.worlds[Clock].seed[0, 0])
         self._waiting = np.ones(base_env.num_worlds, bool)  # worlds whose next reset uses the seed
-        # worlds whose last step truncated their episode
-        self._cut_off = torch.from_numpy(np.zeros(base_env.num_worlds, bool))
+        self._cut_off = torch.from_numpy(~self._waiting)  # worlds whose last step truncated their episode
         names = [f"agent_{i}" for i in range(base_env.num_agents)]
         self.group_map = _group_map(base_env, groups, names)
         self._members = {
@@ -178,7 +167,7 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
         done = torch.from_numpy(env._tracker.done)  # worlds that had ended and were not reset now
         out["truncated"] = done & self._cut_off
         out["terminated"] = done & ~self._cut_off
-        return self._entries(out, ())
+        return self._entries(out)
 
     def _step(self, tensordict: TensorDictBase) -> TensorDictBase:
         env, out = self.vector_env, self._room()
@@ -200,14 +189,12 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
         if where is not None:
             out["rewards"][torch.from_numpy(~where)] = 0
         self._cut_off = out["truncated"] & ~out["terminated"]
-        ended = info.get("_statistics")
-        if ended is not None and where is not None:
-            ended = ended & where  # other worlds had ended before this step
-        if ended is not None and ended.any():
+        ended = info.get("_statistics", False) & going  # other worlds had ended before this step
+        if ended.any():
             there = info.get("statistics_present", {})
             self.statistics = {name: values[ended] for name, values in info["statistics"].items()}
             self.statistics_present = {name: values[ended] for name, values in there.items()}
-        return self._entries(out, ("rewards",))
+        return self._entries(out)
 
     def _set_seed(self, seed: int | None) -> None:
         if seed is not None:
@@ -224,7 +211,7 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
             room["action_mask"] = _empty((*rows, env.action_mask_size), torch.bool)
         return room
 
-    def _entries(self, out: dict[str, Any], more: tuple[str, ...]) -> TensorDictBase:
+    def _entries(self, out: dict[str, Any]) -> TensorDictBase:
         """Return what TorchRL gets from a reset, and from a step, which has rewards, too."""
         flags = {key: torch.from_numpy(values) for key, values in self.vector_env._presence().items()}
         flags["mask"] = flags.pop("alive")
@@ -236,7 +223,7 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
             }
             if self._masked:
                 parts["action_mask"] = out["action_mask"][:, own]
-            if more:
+            if "rewards" in out:
                 parts["reward"] = out["rewards"][:, own, None]
             data[group] = TensorDict(parts, batch_size=(*self.batch_size, len(self.group_map[group])))
         data |= {name: out[name][:, None] for name in ("terminated", "truncated")}
@@ -251,35 +238,32 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
 
 def _group_map(env: SurvivalVectorEnv, groups: Groups, names: list[str]) -> dict[str, list[str]]:
     """Return the names of agents by group. Raises ValueError if `groups` is not valid."""
+    found: dict[str, list[str]] = {}
     if isinstance(groups, Mapping):
         given = [name for own in groups.values() for name in own]
         if any(type(name) is not str for name in given) or sorted(given) != sorted(names):
             raise ValueError(f"groups = {groups!r}: each of {', '.join(names)} has to be in one of them, once")
-        return _checked({group: list(own) for group, own in groups.items()})
-    check_choice("groups", groups, GROUPS, ", or names of agents by group")
-    if groups == "all":
-        return {"agents": names}
-    if groups == "roles" and (not env.worlds.layout.roles or env.worlds.layout.roles.random):
-        raise ValueError("groups = 'roles': this scenario has no roles, or draws who has them; take 'all' or 'sides'")
-    if counts_vary(env.worlds):
-        raise ValueError(f"groups = {groups!r}: the number of agents varies, so groups would, too; take 'all'")
-    env.reset()  # to see who is on which side, or has which role; the first reset begins these episodes again
-    numbers = (side(env.worlds) if groups == "sides" else env.worlds[AgentRoles].role)[0]
-    called = env.sides if groups == "sides" else env.roles
-    found: dict[str, list[str]] = {}
-    for name, number in zip(names, numbers.tolist(), strict=True):
-        found.setdefault(called[number].replace(" ", "_"), []).append(name)
-    return _checked(found)
-
-
-def _checked(groups: dict[str, list[str]]) -> dict[str, list[str]]:
-    """Return the groups if their names are allowed and none is empty. Raises ValueError otherwise."""
-    for group, own in groups.items():
+        found = {group: list(own) for group, own in groups.items()}
+    else:
+        check_choice("groups", groups, GROUPS, ", or names of agents by group")
+        if groups == "all":
+            return {"agents": names}
+        roles, cure = env.worlds.layout.roles, "take 'all' or 'sides'"
+        if groups == "roles" and (not roles or roles.random):
+            raise ValueError(f"groups = 'roles': this scenario has no roles, or draws who has them; {cure}")
+        if counts_vary(env.worlds):
+            raise ValueError(f"groups = {groups!r}: the number of agents varies, so groups would, too; take 'all'")
+        env.reset()  # to see who is on which side, or has which role; the first reset begins these episodes again
+        numbers = (side(env.worlds) if groups == "sides" else env.worlds[AgentRoles].role)[0]
+        called = env.sides if groups == "sides" else env.roles
+        for name, number in zip(names, numbers.tolist(), strict=True):
+            found.setdefault(called[number].replace(" ", "_"), []).append(name)
+    for group, own in found.items():
         if type(group) is not str or not group or group in TAKEN:
             raise ValueError(f"groups: a group cannot be called {group!r}; take a text other than {', '.join(TAKEN)}")
         if not own:
             raise ValueError(f"groups: {group!r} has no agents; leave it out")
-    return groups
+    return found
 
 
 def _selection(indices: list[int]) -> Any:
@@ -304,5 +288,4 @@ def _flags(shape: tuple[int, ...], device: Any) -> Any:
 
 
 def _empty(shape: Sequence[int], dtype: Any = torch.float32) -> Any:
-    """Return an empty tensor for worlds to write into, for any default type and device of PyTorch."""
     return torch.empty(tuple(shape), dtype=dtype, device="cpu")
