@@ -12,8 +12,9 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.envs.registration import EnvSpec
 
-from outlast.ecs import Clock, Worlds
+from outlast.ecs import Clock
 
+from ..adapters.base import Info
 from ..adapters.gymnasium_single import Observation, SurvivalEnv
 from ..adapters.registry import VERSION
 from ..core.action_spaces import ActionSpace
@@ -65,7 +66,7 @@ def export_minari(name: str, replay: Replay, selection: Selection) -> int:
     agent to control and a policy for the others (see `recovered`).
     """
     place, count = new_place(name), [0]
-    observations, actions = _spaces(replay.worlds)
+    seen = Observations(replay.worlds, "dict", scaled=False).of_agent(0)
     about = manifest(replay)
     own = EnvSpec(
         f"outlast/recorded-{VERSION}",
@@ -79,8 +80,8 @@ def export_minari(name: str, replay: Replay, selection: Selection) -> int:
             name,
             _episodes(replay, selection, count),  # an iterator: episodes are not all in memory at once
             env=own,
-            observation_space=observations,
-            action_space=actions,
+            observation_space=spaces.Dict({key: box for key, box in seen.items() if all(box.shape)}),
+            action_space=ActionSpace(replay.worlds, "multi").single,
             description=f"outlast {about['outlast']}, {about['scenario']['name']}: {about['scenario']['numbers']}",
             data_format="arrow",
             requirements=[f"outlast=={about['outlast']}"],
@@ -91,9 +92,8 @@ def export_minari(name: str, replay: Replay, selection: Selection) -> int:
 def recovered(game: dict[str, Any], mechanics: list[str], **options: Any) -> gymnasium.Env[Any, Any]:
     """Return the environment of a dataset: one agent of the recorded scenario, as in `gymnasium.make("outlast/...")`.
 
-    game, mechanics: The scenario, and the full names of the classes of its mechanics, as in recordings. options: Those
-    of `SurvivalEnv` given to `recover_environment`: others="scripted", render_mode="ansi". Raises ScenarioError if the
-    scenario has mechanics that cannot be imported here.
+    game, mechanics: The scenario, and the full names of the classes of its mechanics, as in recordings; ScenarioError
+    if they cannot be imported here. options: Those of `SurvivalEnv` given to `recover_environment`.
     """
     return RecordedEnv(rebuilt(game, mechanics), **options)
 
@@ -106,13 +106,10 @@ class RecordedEnv(SurvivalEnv):
     >>> env.reset(seed=known["seed"], options=known["options"])
     """
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observation, dict[str, Any]]:
+    def reset(self, *, seed: int | None = None, options: Info | None = None) -> tuple[Observation, Info]:
         """Start the episode that metadata describe; without options, start an episode as SurvivalEnv does.
 
-        Raises:
-            ValueError: The options are not those of an episode, or the episode is another agent's or seed's.
+        Raises ValueError if the options are not those of an episode, or it is another agent's or seed's.
         """
         if not options:
             return super().reset(seed=seed)
@@ -122,10 +119,8 @@ class RecordedEnv(SurvivalEnv):
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise ValueError(f"options: those in the metadata of an episode are needed: {error!r}") from None
         if (agent, own) != (self._batch.learner, seed):
-            made = f"agent {self._batch.learner} and reset(seed={seed})"
-            raise ValueError(
-                f"the episode is of agent {agent} and seed {own}, not {made}; make it with learner={agent}"
-            )
+            made = f"agent {self._batch.learner} and reset(seed={seed}); make it with learner={agent}"
+            raise ValueError(f"the episode is of agent {agent} and seed {own}, not {made}")
         worlds = self.base_env.worlds
         if worlds.layout.keyed:
             self.base_env.set_levels([level])
@@ -142,35 +137,28 @@ def _staged(name: str, place: Path) -> Iterator[None]:
     hidden = outputs.temporary_path(root / place.name)
     hidden.mkdir()
     try:
-        os.environ[ROOT] = str(hidden)
-        yield
-        _restore(kept)
+        try:
+            os.environ[ROOT] = str(hidden)
+            yield
+        finally:
+            del os.environ[ROOT]
+            os.environ.update({} if kept is None else {ROOT: kept})
         if (namespace := parse_dataset_id(name)[0]) and namespace not in list_local_namespaces():
             create_namespace(namespace)
         place.parent.mkdir(parents=True, exist_ok=True)
         outputs.replace(hidden / name, place)
     finally:
-        _restore(kept)
         outputs.remove(hidden)
-
-
-def _restore(kept: str | None) -> None:
-    if kept is None:
-        os.environ.pop(ROOT, None)
-    else:
-        os.environ[ROOT] = kept
 
 
 def _episodes(replay: Replay, selection: Selection, count: list[int]) -> Iterator[Any]:
     """Yield the episodes of all agents, in the order in which they end. count[0]: the agent-steps so far."""
     running: dict[int, list[DatasetSamples]] = {}
     for batch in read_samples(replay, selection):
-        finals = iter(range(len(batch)))
+        last = batch.columns["last"]
         for k, world in enumerate(batch.columns["world"].tolist()):
-            last = bool(batch.columns["last"][k])
-            final = next(finals) if last else 0
-            running.setdefault(world, []).append(batch.row(k, final if last else None))
-            if last:
+            running.setdefault(world, []).append(batch.row(k))
+            if last[k]:
                 episode = concatenate(running.pop(world))
                 own = np.arange(replay.worlds.count) == world - replay.recording.first_world
                 (level,) = current_levels(replay.worlds, own)
@@ -195,10 +183,3 @@ def _episode(found: DatasetSamples, i: int, level: Level) -> Any:
         options={"world": int(columns["world"][0]), "episode": int(columns["episode"][0]), "agent": i}
         | {"level": encoded([level])[0]},
     )
-
-
-def _spaces(worlds: Worlds) -> tuple[spaces.Space[Any], spaces.Space[Any]]:
-    """Return the spaces of one agent's observations and actions, which are the same for all."""
-    seen = Observations(worlds, "dict", scaled=False).of_agent(0)
-    there = {key: box for key, box in seen.items() if all(box.shape)}
-    return spaces.Dict(there), ActionSpace(worlds, "multi").single

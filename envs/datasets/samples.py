@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from outlast.components import End, Reward
-from outlast.ecs import RESET, STEP, Clock, Observation, Worlds
+from outlast.ecs import RESET, STEP, Clock, Observation
 
 from ..core.agents import alive, counts_vary, present
 from ..core.spaces import published
@@ -38,16 +38,13 @@ COLUMNS = {
 
 @dataclass(frozen=True)
 class Selection:
-    """Samples to export: those of the worlds `worlds`, from the tick `first` to the tick `last`.
-
-    verify: whether to compare digests. progress: called with the number of each replayed tick.
-    """
+    """Samples to export."""
 
     worlds: Sequence[int]
-    first: int
+    first: int  # tick
     last: int
-    verify: bool = True
-    progress: Callable[[int], None] = lambda tick: None
+    verify: bool = True  # whether to compare digests
+    progress: Callable[[int], None] = lambda tick: None  # called with the number of each replayed tick
 
 
 @dataclass(frozen=True)
@@ -66,13 +63,13 @@ class DatasetSamples:
     def __len__(self) -> int:
         return len(self.columns["world"])
 
-    def row(self, k: int, final: int | None) -> "DatasetSamples":
-        """Return sample k alone. final: its row of `final`, if it is the last of its episode."""
-        own = slice(0, 0) if final is None else slice(final, final + 1)
-        columns, observations = (
-            {key: array[k : k + 1] for key, array in part.items()} for part in (self.columns, self.observations)
-        )
-        return DatasetSamples(columns, observations, {key: array[own] for key, array in self.final.items()})
+    def row(self, k: int) -> "DatasetSamples":
+        """Return sample k alone."""
+        last = self.columns["last"]
+        final = last[:k].sum()
+        own = slice(k, k + 1), slice(k, k + 1), slice(final, final + last[k])
+        parts = zip((self.columns, self.observations, self.final), own, strict=True)
+        return DatasetSamples(*({key: array[rows] for key, array in part.items()} for part, rows in parts))
 
     @property
     def present(self) -> Array:
@@ -94,9 +91,7 @@ def concatenate(parts: list[DatasetSamples]) -> DatasetSamples:
 def read_samples(replay: Replay, selection: Selection) -> Iterator[DatasetSamples]:
     """Yield the samples of a recording, tick by tick; ticks without any are left out.
 
-    Raises:
-        RecordingError: Samples are empty, or the file is damaged.
-        ReplayError: The replay differs from what was recorded.
+    Raises RecordingError for an empty or damaged file, ReplayError if the replay differs from what was recorded.
     """
     worlds, last_steps = replay.worlds, _last_steps(replay.recording, selection)
     buffers = {key: getattr(worlds[c], name) for key, c, name, _ in published(worlds, Observation)}
@@ -122,27 +117,20 @@ def read_samples(replay: Replay, selection: Selection) -> Iterator[DatasetSample
 
 
 def _columns(replay: Replay, rows: Array, living: Array, last: Array) -> dict[str, Array]:
-    worlds, end = replay.worlds, replay.worlds[End]
-    clock = worlds[Clock]
+    worlds, end, actions = replay.worlds, replay.worlds[End], replay.recording.header["actions"]
+    lows = np.array([low for _, low, _ in actions], np.int64)
+    kind = np.min_scalar_type(-max((size for *_, size in actions), default=1))  # the smallest that holds 0 to size
     return ({"present": present(worlds, rows)} if counts_vary(worlds) else {}) | {
         "world": rows + replay.recording.first_world,
         "episode": replay.episodes[rows],
-        "tick": clock.tick[rows, 0].astype(np.int64) - 1,
+        "tick": worlds[Clock].tick[rows, 0].astype(np.int64) - 1,
         "alive": living,
-        "actions": _actions(worlds, replay.recording, rows),
+        "actions": (worlds.actions[:, rows].transpose(1, 2, 0) - lows).astype(kind),
         "rewards": worlds[Reward].reward[rows],
         "terminated": end.terminated[rows, 0],
         "truncated": end.truncated[rows, 0],
         "last": last,
     }
-
-
-def _actions(worlds: Worlds, recording: Recording, rows: Array) -> Array:
-    """Return the actions, integers (n, agents, actions) from 0, in the smallest type that holds them."""
-    columns = recording.header["actions"]
-    lows = np.array([low for _, low, _ in columns], np.int64)
-    kind = np.min_scalar_type(-max((size for _, _, size in columns), default=1))
-    return (worlds.actions[:, rows].transpose(1, 2, 0) - lows).astype(kind)
 
 
 def _last_steps(recording: Recording, selection: Selection) -> dict[int, list[int]]:
