@@ -13,10 +13,8 @@ from ..core.options import MACHINE, OUTPUT, PLAY, option
 from ..core.validation import Array, check_count
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import UsageError
-from ..inspect.event_table import with_episodes
 from ..recording import record as record_env
 from ..rollout import local
-from ..rollout.against import Against
 from ..rollout.lineup import (
     Entries,
     Lineup,
@@ -30,9 +28,10 @@ from ..rollout.lineup import (
     maker,
 )
 from ..rollout.memory import check_memories
+from ..rollout.outcome import Against
 from ..rollout.policies import Policy, plain
 from ..rollout.summary import Summary
-from ..rollout.table_file import Ended, episode_file, event_file, numbered
+from ..rollout.table_file import Ended, episode_file, event_file, numbered, with_episodes
 from ..scenarios.known_numbers import Numbers
 from ..scenarios.parse import checks_keywords, options_of, resolve
 from ..scenarios.scenario import Scenario

@@ -1,8 +1,6 @@
 """A world as plain dictionaries that JSON can hold.
 
-describe(worlds, w) returns what stays the same during an episode, snapshot(worlds, w) the state after a tick, and
-events(worlds, w) what happened in it. Together they are all that a page needs to draw the world and to list what agents
-have.
+`describe`, `snapshot` and `events` are all that a page needs to draw the world and to list what agents have.
 
 Objects are all bodies that are not agents: boxes, items, walls, marks on the floor. Agents are numbered from 0, and so
 are objects. As the number of a body, an agent has its own number, and an object has its number plus the number of
@@ -11,6 +9,7 @@ agents.
 
 import functools
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -53,7 +52,7 @@ from ..rendering.bodies import POINT
 from ..rendering.scene import Scene, has_size, of_kind, walls
 from ..rendering.sight import blind_until, cone_corners, directions, distances, is_see_through, seen_rows
 from ..rendering.style import css, ink_on, of_box, of_side
-from .event_table import event_table
+from ..rollout.table_file import event_table
 
 Json = dict[str, Any]
 
@@ -67,8 +66,7 @@ ROLES: tuple[tuple[type[Component], str], ...] = (
 CIRCLES = ("x", "y", "radius", "next_x", "next_y", "next_radius")  # columns of Zone, in the order of snapshot's `zone`
 DIGITS = 4  # decimals to which metres and radians are rounded
 SECONDS = 1 / 30  # length of a tick in a game without physics
-
-
+NONE = {"agent": -1, "by": -1, "side": -1, "object": -1, "cause": ""}  # of an event, what it does not have
 # pages show these in ways of their own, so `_others` leaves them out
 KNOWN = (BoxBroken, BoxPlaced, Death, Hit, ItemDropped, ItemGiven, ItemPicked, ItemUsed, Strike)
 
@@ -127,21 +125,27 @@ def describe(worlds: Worlds, w: int) -> Json:
     """
     scene, bodies = Scene(worlds, w), bodies_of(worlds.layout)
     sides = scene[Side].side
-    hurts = Health in scene and can_hurt(worlds.layout)
+    hurts, lidar = Health in scene and can_hurt(worlds.layout), systems.Lidar in scene
     points = scene.prefab(Health).points if hurts else [0] * worlds.dims["rows"]
     count = max([worlds.dims.get("sides", 0), *(sides[e] + 1 for e in bodies.agents)])
+    floor = [_number(2 * side) for side in scene.sides] if Floor in scene else []
+    physics = scene.mechanic(systems.Physics) if systems.Physics in scene else None
+
+    def reach(e: int | None) -> float:
+        return _number(scene.mechanic(systems.Melee, e).reach) if systems.Melee in scene else 0
+
     return {
         "half": _number(scene.half),
-        "room": _number(2 * scene.room) if Floor in scene else 0,
-        "floor": [_number(2 * side) for side in scene.sides] if Floor in scene else [],
-        "seconds": _seconds(scene),
+        "room": max(floor, default=0),
+        "floor": floor,
+        "seconds": physics.substeps / physics.rate if physics else SECONDS,
         "teams": bool(Sides in scene and scene[Sides].teams[0]),
         "health": points[bodies.agents[0]] if bodies.agents else 0,
         "slots": worlds.dims.get("slots", 0) if Bag in scene else 0,
-        "reach": _number(scene.mechanic(systems.Melee).reach) if systems.Melee in scene else 0,
+        "reach": reach(None),
         "zone": Zone in scene,
         "cone": _cone(scene, None),
-        "rays": worlds.dims["rays"] if systems.Lidar in scene else 0,
+        "rays": worlds.dims["rays"] if lidar else 0,
         "damage_types": list(worlds.layout.labels["damage_type"]),
         "actions": [
             {"name": key, "low": int(column.low), "high": int(column.high)}
@@ -150,13 +154,8 @@ def describe(worlds: Worlds, w: int) -> Json:
         "rewards": Reward in scene,
         "looks": bool(scene.looks),
         "sides": [
-            {
-                "color": css(of_side(s)),
-                "ink": css(ink_on(of_side(s))),
-                "box": css(of_box(s)),
-                "name": scene.side_name(s),
-            }
-            for s in range(count)
+            {"color": css(color), "ink": css(ink_on(color)), "box": css(of_box(s)), "name": scene.side_name(s)}
+            for s, color in enumerate(map(of_side, range(count)))
         ],
         "agents": [
             {
@@ -165,10 +164,10 @@ def describe(worlds: Worlds, w: int) -> Json:
                 "radius": _number(scene.shape.radius[e]),
                 "hides": _hides(scene, e),
                 "health": points[e],
-                "reach": _number(scene.mechanic(systems.Melee, e).reach) if systems.Melee in scene else 0,
+                "reach": reach(e),
                 "cone": _cone(scene, e),
                 "blind": blind_until(scene, e),
-                "rays": [[_number(x), _number(y)] for x, y in directions(scene, e)] if systems.Lidar in scene else [],
+                "rays": _points(directions(scene, e)) if lidar else [],
             }
             for i, e in enumerate(bodies.agents)
         ],
@@ -199,6 +198,8 @@ def snapshot(worlds: Worlds, w: int) -> Json:
     targets = {strike.agent: strike.target for strike in scene.events(Strike)}
     actions = worlds.actions[:, w].T.tolist()
     rewards = scene[Reward].reward if Reward in scene else [0.0] * len(bodies.agents)
+    looking = (*bodies.agents, *bodies.objects) if scene.looks else ()
+    lines = [int(scene.looked_up(e, "line_to")) for e in looking]
     return {
         "episode": scene[Clock].episode[0],
         "tick": scene[Clock].tick[0],
@@ -208,21 +209,19 @@ def snapshot(worlds: Worlds, w: int) -> Json:
             | {"action": actions[i], "reward": rewards[i] if math.isfinite(rewards[i]) else None}
             for i, e in enumerate(bodies.agents)
         ],
-        "objects": [_place(scene, e) | _rest(scene, e, e in alive) for e in bodies.objects],
-        "rings": [scene.looked_up(e, "ring") > 0 for e in (*bodies.agents, *bodies.objects) if scene.looks],
-        "lines": [
-            bodies.numbers[row] if (row := int(scene.looked_up(e, "line_to"))) >= 0 else -1
-            for e in (*bodies.agents, *bodies.objects)
-            if scene.looks
+        "objects": [
+            _place(scene, e) | {"here": e in alive, "owner": _owner(scene, e), "wound": _wound(scene, e)}
+            for e in bodies.objects
         ],
+        "rings": [scene.looked_up(e, "ring") > 0 for e in looking],
+        "lines": [bodies.numbers[row] if row >= 0 else -1 for row in lines],
     }
 
 
 def _role(scene: Scene, i: int) -> str:
     """Return the name of agent `i`'s role; "" without roles, or if the agent is absent."""
     roles = scene.worlds.layout.roles
-    number = scene[AgentRoles].role[i] if roles is not None else -1
-    return roles.names[number] if roles is not None and number >= 0 else ""
+    return roles.names[number] if roles and (number := scene[AgentRoles].role[i]) >= 0 else ""
 
 
 def _object(scene: Scene, e: int, kind: str) -> Json:
@@ -235,7 +234,7 @@ def _object(scene: Scene, e: int, kind: str) -> Json:
         "radius": _number(POINT if own and not has_size(scene, e) else shape.radius[e]),
         "width": _number(2 * shape.half_width[e]),
         "height": _number(2 * shape.half_height[e]),
-        "corners": [[_number(x), _number(y)] for x, y in scene.corners(e)],
+        "corners": _points(scene.corners(e)),
         "hides": _hides(scene, e),
         "of": bodies.object_number(scene.rows(Box)[scene[BoxItem].index[e]]) if role == "box_item" else -1,
         "amount": scene[Heal].amount[e] if role == "heal" else 0,
@@ -258,9 +257,8 @@ def _agent(scene: Scene, bodies: Bodies, i: int, e: int, alive: bool, targets: d
     }
 
 
-def _rest(scene: Scene, e: int, here: bool) -> Json:
-    lost = scene.prefab(Health).points[e] - scene[Health].points[e] if _has_health(scene, e) else 0
-    return {"here": here, "owner": _owner(scene, e), "wound": max(0, lost)}
+def _wound(scene: Scene, e: int) -> int:
+    return max(0, scene.prefab(Health).points[e] - scene[Health].points[e]) if _has_health(scene, e) else 0
 
 
 def _has_health(scene: Scene, e: int) -> bool:
@@ -293,14 +291,7 @@ def _cone(scene: Scene, e: int | None) -> list[list[float]] | None:
     """Return the corners of the vision cone of the agent in row `e`, or for None those of the scenario's numbers."""
     if systems.Cameras not in scene or scene[Sight].mode[0] == OMNISCIENT:
         return None
-    return [[_number(x), _number(y)] for x, y in cone_corners(scene.mechanic(systems.Cameras, e))]
-
-
-def _seconds(scene: Scene) -> float:
-    if systems.Physics not in scene:
-        return SECONDS
-    contacts = scene.mechanic(systems.Physics)
-    return contacts.substeps / contacts.rate
+    return _points(cone_corners(scene.mechanic(systems.Cameras, e)))
 
 
 def _place(scene: Scene, e: int) -> Json:
@@ -308,12 +299,13 @@ def _place(scene: Scene, e: int) -> Json:
     return {"x": _number(body.x[e]), "y": _number(body.y[e]), "angle": _number(body.angle[e])}
 
 
+def _points(points: Iterable[tuple[float, float]]) -> list[list[float]]:
+    return [[_number(x), _number(y)] for x, y in points]
+
+
 def _number(value: float) -> float:
     """Round a number; infinities and NaN, which JSON cannot express, become 0."""
     return round(value, DIGITS) if math.isfinite(value) else 0.0
-
-
-NONE = {"agent": -1, "by": -1, "side": -1, "object": -1, "cause": ""}  # of an event, what it does not have
 
 
 def events(worlds: Worlds, w: int) -> list[Json]:
@@ -327,26 +319,21 @@ def events(worlds: Worlds, w: int) -> list[Json]:
     """
     scene, bodies = Scene(worlds, w), bodies_of(worlds.layout)
     found: list[Json] = [] if scene[Clock].tick[0] else [{"kind": "start"}]
-    found += [_use(scene, bodies, event) for event in scene.events(ItemUsed)]
+    for event in scene.events(ItemUsed):
+        kind = "heal" if event.item in scene.rows(Heal) else "place" if event.item in scene.rows(BoxItem) else "use"
+        used = {"agent": bodies.agent_number(event.agent), "object": bodies.object_number(event.item)}
+        found.append({"kind": kind, **used})
     for event in scene.events(BoxBroken):
         by, box = bodies.agent_number(event.by), bodies.object_number(event.box)
         found.append({"kind": "break", "agent": by, "side": event.side, "object": box})
-    found += [_death(scene, bodies, event) for event in scene.events(Death) if bodies.agent_number(event.agent) >= 0]
+    for event in scene.events(Death):
+        if (agent := bodies.agent_number(event.agent)) >= 0:
+            cause = worlds.layout.labels["damage_type"][event.damage_type] if event.damage_type >= 0 else ""
+            kind = "kill" if event.side >= 0 and event.side != scene[Side].side[event.agent] else "death"
+            by = bodies.agent_number(event.by)
+            found.append({"kind": kind, "agent": agent, "by": by, "side": event.side, "cause": cause})
     found += [*_others(scene, bodies), *_end(scene)]
     return [NONE | event for event in found]
-
-
-def _use(scene: Scene, bodies: Bodies, event: Any) -> Json:
-    kinds = {"heal": Heal, "place": BoxItem}
-    kind = next((kind for kind, component in kinds.items() if event.item in scene.rows(component)), "use")
-    return {"kind": kind, "agent": bodies.agent_number(event.agent), "object": bodies.object_number(event.item)}
-
-
-def _death(scene: Scene, bodies: Bodies, event: Any) -> Json:
-    cause = scene.worlds.layout.labels["damage_type"][event.damage_type] if event.damage_type >= 0 else ""
-    kind = "kill" if event.side >= 0 and event.side != scene[Side].side[event.agent] else "death"
-    agent, by = bodies.agent_number(event.agent), bodies.agent_number(event.by)
-    return {"kind": kind, "agent": agent, "by": by, "side": event.side, "cause": cause}
 
 
 def _others(scene: Scene, bodies: Bodies) -> list[Json]:
@@ -356,7 +343,7 @@ def _others(scene: Scene, bodies: Bodies) -> list[Json]:
         if kind in KNOWN and kind is not Death:
             continue
         entries = [*enumerate(scene.events(kind))]
-        if kind is Death:  # deaths of agents are shown by `_death`, but other things die, too
+        if kind is Death:  # those of agents have entries of their own, but other things die, too
             entries = [(k, entry) for k, entry in entries if bodies.agent_number(entry.agent) < 0]
         if not entries:
             continue

@@ -20,8 +20,8 @@ from ..core.lifecycle import announce_compilation, check_playable
 from ..core.spaces import statistics
 from ..core.validation import Array, check_count
 from ..errors import RecordingError, ReplayError, ScenarioError
-from ..inspect.event_table import with_episodes
 from ..rollout.summary import Summary
+from ..rollout.table_file import with_episodes
 from ..scenarios.fingerprint import classes, difference, fingerprint, planned, rebuilt
 from ..scenarios.mechanics import foreign
 from ..scenarios.parse import resolve

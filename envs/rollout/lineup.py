@@ -6,7 +6,7 @@ import math
 import os
 import re
 import weakref
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, cast
 
@@ -20,7 +20,7 @@ from ..errors import UsageError
 from ..scenarios.imports import member_of, module_of
 from ..scenarios.scenario import Scenario
 from .memory import Begins, has_memory, tell
-from .policies import POLICIES, Policy, hashed, maker_of, others_policy
+from .policies import POLICIES, Maker, Policy, hashed, maker_of, others_policy
 from .saved import SAVED_AS, common_scenario, is_saved, load_saved, models, policy_file, similar, text_of
 
 Other = str | os.PathLike[str] | Policy
@@ -30,26 +30,15 @@ ROLES = 2
 OWN = re.compile(r".+\.py:[^\W\d]\w*|[^\W\d]\w*(\.[^\W\d]\w*)+:[^\W\d]\w*")  # policies in users' files and modules
 OWN_AS = "FILE.py:FUNCTION"  # what such a policy is named by
 
-# the line-up that plays a policy with a memory, by the policy's id
-OWNERS = weakref.WeakValueDictionary[int, "Lineup"]()
-
-# the text "mixture"; makes these draws differ from others in the same world and episode
-STREAM = np.uint64(0x6D697874757265)
+OWNERS = weakref.WeakValueDictionary[int, "Lineup"]()  # who plays a policy with a memory, by the policy's id
+STREAM = np.uint64(0x6D697874757265)  # "mixture"; makes draws differ from others in the same world and episode
 
 
 def parse_lineup(text: str, names: Collection[str] = tuple(POLICIES)) -> dict[str, float]:
-    """Return the weights in a text such as "scripted:0.5,runs/a.zip:0.3,random".
+    """Return the weights in a text such as "scripted:0.5,runs/a.zip:0.3,random", by name or path, in order.
 
-    Args:
-        text: Names of policies or models, saved policies (FILE.zip, FILE.safetensors or the folder of a run), or
-            FILE.py:FUNCTION, see `own_policy`; each followed by a colon and its weight, or else the weight is 1.
-        names: The names that are allowed.
-
-    Returns:
-        Weights by name or path of a file, in the order of the text.
-
-    Raises:
-        UsageError: A name is unknown or given twice, or a weight is not a finite number above 0.
+    text: Policies as for `checked_entries`, or FILE.py:FUNCTION, see `own_policy`; each followed by a colon and its
+    weight, or else the weight is 1. names: The names that are allowed. Raises UsageError, as `checked_entries` does.
     """
     pairs = []
     for part in text.split(","):
@@ -62,21 +51,18 @@ def parse_lineup(text: str, names: Collection[str] = tuple(POLICIES)) -> dict[st
 
 
 def checked_entries(pairs: Iterable[tuple[Any, Any]], names: Collection[str] = tuple(POLICIES)) -> Entries:
-    """Check policies with their weights, and return them.
+    """Check policies with their weights, and return them. Raises UsageError, as for a policy that is given twice.
 
-    Args:
-        pairs: Pairs of a policy and its weight, a finite number above 0. A policy is a name, also of a model, the path
-            of a saved policy, the folder of a run, whose newest one is taken, or a function (observations) -> actions.
-        names: The names that are allowed.
-
-    Raises:
-        UsageError: Pairs are empty, one of them is of another type, or a policy is given twice.
+    pairs: Pairs of a policy and its weight, a finite number above 0. A policy is one of `names`, a model's name, the
+    path of a saved policy, the folder of a run, whose newest one is taken, or a function (observations) -> actions.
     """
     entries: Entries = []
     for given, weight in pairs:
         policy = text_of(given) if isinstance(given, os.PathLike) else given
         if isinstance(policy, str):
-            policy = _named(policy, names)
+            policy = policy_file(policy, names)
+            if not (policy in names or is_saved(policy) or (is_own(policy) and tuple(names) == tuple(POLICIES))):
+                raise UsageError(f"{policy or 'nothing'}: {similar(policy, names)}{_needed(names)}")
         elif not callable(policy):
             raise UsageError(f"{policy!r} is not a policy: {_needed(names)}, or a function (observations) -> actions")
         if _same(policy) in [_same(other) for other, _ in entries]:
@@ -88,11 +74,7 @@ def checked_entries(pairs: Iterable[tuple[Any, Any]], names: Collection[str] = t
 
 
 def entries_of(others: Any) -> Entries:
-    """Return the entries of a line-up as users give it: a policy, a text ("scripted:2,random"), or weights by policy.
-
-    Raises:
-        UsageError: An entry is something else or given twice, or a weight is not above 0. It is a ValueError.
-    """
+    """Return the entries of a line-up as users give it: a policy, a text ("scripted:2,random") or weights by policy."""
     try:
         if isinstance(others, str):
             return list(parse_lineup(others).items())
@@ -102,11 +84,7 @@ def entries_of(others: Any) -> Entries:
 
 
 def copied_others(others: Others, memo: Any) -> Others:
-    """Return a copy, made by copy.deepcopy, so that no policy plays in two environments.
-
-    Raises:
-        UsageError: A policy cannot be copied.
-    """
+    """Return a copy, made by copy.deepcopy, so that no policy plays in two environments. Raises UsageError."""
     try:
         return copy.deepcopy(others, memo)
     except TypeError as error:
@@ -116,8 +94,7 @@ def copied_others(others: Others, memo: Any) -> Others:
 def load_policies(names: Sequence[str | Policy], asked: Scenario, seed: int) -> tuple[Scenario, list[str | Policy]]:
     """Return the scenario with observations that all policies can play with, and what `loaded` returns.
 
-    seed: Seed of all policies; each draws its own random numbers. Raises UsageError if a policy cannot play there, or
-    PyTorch is not installed.
+    Raises UsageError if a policy cannot play there, or PyTorch is not installed.
     """
     chosen = loaded(names, seed)
     players: list[Any] = [each for each in chosen if hasattr(each, "scenario")]
@@ -139,7 +116,7 @@ def is_foreign(policy: str | Policy) -> bool:
     return callable(policy) or is_own(policy)
 
 
-def own_policy(name: str) -> Callable[[SurvivalVectorEnv, int], Policy]:
+def own_policy(name: str) -> Maker:
     """Return a function (env, seed) that makes the policy which `is_own` is about; its file or module is imported.
 
     Raises UsageError as `maker_of` does; ScenarioError if the name is unknown, or the place cannot be imported.
@@ -157,7 +134,7 @@ def loaded(names: Sequence[str | Policy], seed: int) -> list[str | Policy]:
     ]
 
 
-def maker(chosen: str | Policy) -> Callable[[SurvivalVectorEnv, int], Policy]:
+def maker(chosen: str | Policy) -> Maker:
     """Return a function that makes the policy for an environment and a seed, as in POLICIES, or returns `chosen`."""
     if isinstance(chosen, str):
         return POLICIES[chosen] if chosen in POLICIES else own_policy(chosen)
@@ -167,18 +144,8 @@ def maker(chosen: str | Policy) -> Callable[[SurvivalVectorEnv, int], Policy]:
 def draw(weights: Sequence[float] | Array, seeds: Any, worlds: Any, episodes: Any) -> Array:
     """Draw an entry for each world: a function of the weights and (seed, world, episode), the same in any batch.
 
-    Args:
-        weights: Finite numbers >= 0, at least one above 0: (entries,), or a row for each world, (worlds, entries). An
-            entry with twice the weight is drawn twice as often.
-        seeds: The seed that keys each world, integers (worlds,).
-        worlds: The number of each world, integers (worlds,).
-        episodes: The number of the episode of each world, integers (worlds,). `key_of` returns all three.
-
-    Returns:
-        The index of an entry for each world, int64 (worlds,).
-
-    Raises:
-        ValueError: The weights are not valid.
+    weights: Finite numbers >= 0, at least one above 0: (entries,), or a row for each world, (worlds, entries). An entry
+    with twice the weight is drawn twice as often. The others: See `key_of`. Returns indices, int64 (worlds,).
     """
     weights = np.asarray(weights, np.float64)
     if not (np.isfinite(weights).all() and (weights >= 0).all() and (weights > 0).any(-1).all()):
@@ -219,16 +186,14 @@ class Lineup:
     tick, agent): it plays a world in the same way in any batch.
 
     Attributes:
-        names: The names of the policies.
+        names: What the policies are called in errors and results; by default their names or paths.
         drawn: Index of the policy that plays in each world, int (worlds,).
         agents: Which agents of a world it plays, a list or a slice.
 
     Args:
         entries: The policies with their weights; see `checked_entries` and `draw`. If a policy has a method `check`,
             that is called with `env`, and raises if the policy cannot play there.
-        env: The worlds.
         learner: An agent that it does not play; None: it plays all.
-        names: What the policies are called in errors and results; by default their names or paths.
     """
 
     def __init__(
@@ -242,24 +207,23 @@ class Lineup:
             self.agents = slice(int(learner == 0), last if learner == last and last else None)
         self.names = tuple(names) or tuple(getattr(policy, "__name__", str(policy)) for policy in given)
         self._policies = [self._playing(policy, env, ids) for policy in given]
-        what, self._axes = "the actions that {0} returned", "(worlds, agents, actions)"
-        if learner is not None:
-            what, self._axes = f"others: {what}", "(worlds, agents but the learner, actions)"
-        self._whats = [what.format(name) for name in self.names]
+        prefix, but = ("", "") if learner is None else ("others: ", " but the learner")
+        self._whats = [f"{prefix}the actions that {name} returned" for name in self.names]
+        self._axes = f"(worlds, agents{but}, actions)"
         self._shape = (env.num_worlds, len(ids), len(env.action_sizes))
         self._foreign = any(map(is_foreign, given))  # users' functions, which may keep the arrays that they get
         self._begins = None if len(given) == 1 and not has_memory(self._policies[0]) else Begins(env)
         self.drawn = np.zeros(env.num_worlds, int)
 
     @staticmethod
-    def _playing(policy: str | Policy, env: SurvivalVectorEnv, agents: Sequence[int]) -> Policy:
+    def _playing(playing: Any, env: SurvivalVectorEnv, agents: Sequence[int]) -> Policy:
         """Return the function that plays for an entry."""
-        if isinstance(policy, str) and policy in POLICIES:
-            return others_policy(policy, env, agents)
-        if isinstance(policy, str) and is_own(policy):
-            return own_policy(policy)(env, 0)
-        playing: Any = load_saved(policy) if isinstance(policy, str) else policy
-        if isinstance(policy, str):
+        if isinstance(playing, str):
+            if playing in POLICIES:
+                return others_policy(playing, env, agents)
+            if is_own(playing):
+                return own_policy(playing)(env, 0)
+            playing = load_saved(playing)
             playing.key_by(env, agents)
         if callable(check := getattr(playing, "check", None)):
             check(env)
@@ -305,29 +269,16 @@ class Lineup:
         return checked_actions(actions, self._shape, sizes, False, what=self._whats[k], axes=self._axes)
 
 
-def _named(name: str, names: Collection[str]) -> str:
-    """Return the name, or the path of a saved policy. Raises UsageError if it is neither."""
-    name = policy_file(name, names)
-    if name in names or is_saved(name) or (is_own(name) and tuple(names) == tuple(POLICIES)):
-        return name
-    raise UsageError(f"{name or 'nothing'}: {similar(name, names)}{_needed(names)}")
-
-
 def _needed(names: Collection[str]) -> str:
     own = f", or {OWN_AS} of your own" * (tuple(names) == tuple(POLICIES))
     return f"{', '.join(names)} or a saved policy ({SAVED_AS}) is needed{own}"
 
 
 def _checked_weight(policy: object, weight: Any) -> float:
-    try:
-        number = math.nan if isinstance(weight, bool) else float(weight)
-    except (TypeError, ValueError):
-        number = math.nan
-    if not 0 < number < math.inf:
-        raise UsageError(
-            f"the weight of {policy} is {weight!r}: a finite number above 0 is needed; leave out who has 0"
-        )
-    return number
+    with contextlib.suppress(TypeError, ValueError):
+        if not isinstance(weight, bool) and 0 < (number := float(weight)) < math.inf:
+            return number
+    raise UsageError(f"the weight of {policy} is {weight!r}: a finite number above 0 is needed; leave out who has 0")
 
 
 def _same(policy: str | Policy) -> object:

@@ -36,9 +36,8 @@ def rollout(
     worlds in which an ended episode counts, bool (worlds,).
     """
     summary = Summary(episodes_per_world=0 if steps else episodes)
-    remaining = np.full(
-        env.num_worlds, np.iinfo(np.int64).max if steps else episodes
-    )  # episodes still to be counted in each world
+    most = np.iinfo(np.int64).max if steps else episodes
+    remaining = np.full(env.num_worlds, most)  # episodes still to be counted in each world
     began = np.zeros(env.num_worlds, np.int64)  # the step after which the episode of each world began
     act = told(policy, env)
     observations, _ = env.reset()
@@ -65,9 +64,9 @@ def rollout(
             progress(summary)
             if not remaining.any():
                 break
-            if steps or step < MAX_STEPS:
+            if steps or step < MAX_STEPS or not (long := (remaining > 0) & (step - began >= MAX_STEPS)).any():
                 continue
-            if (late := _endless(env, (remaining > 0) & (step - began >= MAX_STEPS))).any():
+            if (late := long & (np.asarray(env.numbers().get("ending_limit", 0)) == 0)).any():
                 raise EndlessError(
                     f"world {env.first_world + late.argmax()} has been in one episode for {MAX_STEPS:,} steps, which "
                     "may never end: set ending_limit, or roll out a fixed number of steps"
@@ -80,24 +79,11 @@ def rollout(
     return summary
 
 
-def _endless(env: SurvivalVectorEnv, long: Array) -> Array:
-    """Return those of the worlds `long` whose episodes have no time limit: bool (worlds,)."""
-    if not long.any():
-        return long
-    limits: Array = np.asarray(env.numbers().get("ending_limit", 0))
-    return long & (limits == 0)
-
-
 def ticks(env: SurvivalVectorEnv, policy: Policy, steps: int) -> Iterator[int]:
     """Reset everything, then take a step for each further item, so that a loop can look at the worlds after each step.
 
-    Args:
-        env: Worlds that restart by themselves.
-        policy: A function from the observations to the actions of all worlds; see `rollout`.
-        steps: How many steps to take.
-
-    Yields:
-        The number of steps done, from 0 (right after the reset) to `steps`.
+    env: Worlds that restart by themselves. policy: See memory.told. steps: How many steps to take. Yields the number of
+    steps done, from 0 (right after the reset) to `steps`.
     """
     act = told(policy, env)
     observations, _ = env.reset()

@@ -12,18 +12,14 @@ from .policies import Policy
 
 
 class Begins:
-    """The worlds in which an episode begins, or goes on from a state that was set.
-
-    Args:
-        env: The worlds. Call `look` once before each of their steps.
-    """
+    """The worlds in which an episode begins, or goes on from a state that was set."""
 
     def __init__(self, env: SurvivalVectorEnv) -> None:
         self._tick, self._set = env.worlds[Clock].tick[:, 0], env._tracker.set_states
         self._seen = self._set - 1
 
     def look(self) -> Array:
-        """Return where that has happened since the last call, bool (worlds,); in the first call, all worlds."""
+        """Return these, bool (worlds,), in the first call all. To be called once before each step of the worlds."""
         begins: Array = (self._tick == 0) | (self._set != self._seen)
         self._seen[:] = self._set
         return begins

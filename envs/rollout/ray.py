@@ -51,15 +51,10 @@ def rollout_on_cluster(
     """Return the summary of `worlds` worlds, in batches spread over the connected cluster (see `connected`).
 
     It is the same as on one machine. A batch counts once, when all of it is done; if its worker is lost, it starts
-    again elsewhere.
+    again elsewhere, and too often is a ClusterError.
 
     progress: Called with a summary that has the numbers of episodes and world-steps done, but no sums; before an error
-    is raised, with the summary of the finished batches.
-
-    Raises:
-        ClusterError: A batch lost too many workers.
-        OutlastError: A worker raised it, such as a FaultError of a world.
-        KeyboardInterrupt: After Ctrl-C, with the summary of the finished batches as its argument.
+    is raised, with the summary of the finished batches, which after Ctrl-C is the argument of the KeyboardInterrupt.
     """
     remote = ray.remote(max_retries=MAX_RETRIES)(_run_on_worker)
     cores = max(1, int(ray.cluster_resources().get("CPU", 1)))
@@ -90,19 +85,11 @@ def rollout_on_cluster(
         progress(summary)
         raise
     finally:
-        _stop(list(waiting))
+        if waiting:  # stop only what runs: Ray 2.60 ends this very process for tasks that have not begun, or just end
+            _, running = ray.wait(list(waiting), num_returns=len(waiting), timeout=GRACE)
+            for reference in running:
+                ray.cancel(reference)
     return _merged(done)
-
-
-def _stop(references: list[Any]) -> None:
-    """Stop the tasks that still run after GRACE.
-
-    Ray 2.60 ends this very process if a task is cancelled that has not begun, or is just ending.
-    """
-    if references:
-        _, running = ray.wait(references, num_returns=len(references), timeout=GRACE)
-        for reference in running:
-            ray.cancel(reference)
 
 
 def _check_listening(address: str) -> None:

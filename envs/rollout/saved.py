@@ -30,22 +30,13 @@ MASKED, REVEALED, OMNISCIENT = "masked", "revealed", "omniscient"  # values of c
 
 @dataclass(frozen=True)
 class Model:
-    """A trained policy that is kept.
+    """A trained policy that is kept."""
 
-    Attributes:
-        name: GAME/KIND-SEED; the seed is that of its training.
-        preset: The preset that it was trained with.
-        steps: Agent-steps of its training.
-        wins: Share of games that it wins against `scripted`, where a draw counts as half.
-        size: Bytes of its file.
-        sha256: Checksum of its file.
-    """
-
-    name: str
+    name: str  # GAME/KIND-SEED
     preset: str
-    steps: int
-    wins: float
-    size: int
+    steps: int  # agent-steps of its training
+    wins: float  # share of games that it wins against `scripted`, where a draw counts as half
+    size: int  # bytes of its file
     sha256: str
 
     @property
@@ -63,20 +54,14 @@ class Model:
 def models() -> Mapping[str, Model]:
     """Return all models by name, in the order of the table."""
     with TABLE.open(encoding="utf-8", newline="") as file:
-        rows = [*csv.DictReader(file)]
-    found = (
-        Model(row["name"], row["preset"], int(row["steps"]), float(row["wins"]), int(row["size"]), row["sha256"])
-        for row in rows
-    )
+        rows: list[dict[str, Any]] = [*csv.DictReader(file)]
+    numbers = {"steps": int, "wins": float, "size": int}
+    found = (Model(**row | {key: kind(row[key]) for key, kind in numbers.items()}) for row in rows)
     return MappingProxyType({model.name: model for model in found})
 
 
 def fetched(name: str) -> Path:
-    """Return the file of a model, which has the checksum of the table.
-
-    Raises:
-        UsageError: The file cannot be had.
-    """
+    """Return the file of a model, which has the checksum of the table. Raises UsageError if it cannot be had."""
     model = models()[name]
     return kept_file(model.file, model.sha256, name)
 
@@ -101,8 +86,7 @@ def text_of(given: str | os.PathLike[str]) -> str:
 def located(given: str | os.PathLike[str]) -> Path:
     """Return the file of a saved policy: a model's, by its name; the file that is named; a run's newest, by its folder.
 
-    Raises:
-        UsageError: The model is unknown, or its file cannot be fetched; or the folder does not hold a single run.
+    Raises UsageError for an unknown model, or a folder that does not hold a single run.
     """
     text = text_of(given)
     if text in models():

@@ -1,7 +1,7 @@
 """The summary of many episodes: means and standard errors of their statistics."""
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from html import escape
 from typing import Any
@@ -105,8 +105,6 @@ class Summary:
 
         See `episodes_per_world`. Names of statistics are those of `column_names`.
         """
-        names = [name for key, values in self.sums.items() for name in column_names(key, values)]
-        found = dict(zip(names, self._numbers(list(self.sums)), strict=True))
         counts = self.episodes_of()
         outcomes = {name: dict(zip(RESULTS, counts.tolist(), strict=True)) for name, counts in self.outcomes.items()}
         return {
@@ -117,7 +115,7 @@ class Summary:
             "statistics": {
                 name: {"mean": _finite(mean), "std_error": _finite(error)}
                 | ({"episodes": counts[name]} if name in counts else {})
-                for name, (mean, error) in sorted(found.items())
+                for name, mean, error in sorted(self.rows("_"), key=lambda row: row[0])
             },
             "against": outcomes,
         }
@@ -131,52 +129,40 @@ class Summary:
             if key not in MOMENTS or count < self.episodes
         }
 
-    def rows(self) -> list[tuple[str, float, float]]:
+    def rows(self, between: str = " ") -> list[tuple[str, float, float]]:
         """Return (name, mean, standard error) of each statistic; those with an entry per agent or side get a row each.
 
-        Mean and error are NaN for agents and sides that no episode had.
+        Mean and error are NaN for agents and sides that no episode had. between: See `column_names`.
         """
-        keys = sorted(self.sums)
-        names = [name for key in keys for name in column_names(key, self.sums[key], " ")]
-        return [(name, *pair) for name, pair in zip(names, self._numbers(keys), strict=True)]
-
-    def _numbers(self, keys: Sequence[str]) -> list[tuple[float, float]]:
-        """Return mean and standard error of every entry of these statistics."""
         found = []
-        for key in keys:
+        for key in sorted(self.sums):
             sums, squares = (table[key].reshape(len(table[key]), -1).T for table in (self.sums, self.squares))
-            given = self.counts.get(key)
+            given, names = self.counts.get(key), column_names(key, self.sums[key], between)
             counts = [self.episodes] * len(sums) if given is None else np.atleast_1d(given.sum(0)).tolist()
-            found += [_mean_and_error(*row) for row in zip(sums, squares, counts, strict=True)]
+            for name, *row in zip(names, sums, squares, counts, strict=True):
+                found.append((name, *_mean_and_error(*row)))
         return found
 
     def __str__(self) -> str:
         lines = [self._heading()]
         if self.episodes:
+            counts, table = self.episodes_of(" "), [("per episode", "mean", "std. error", "episodes")]
+            for name, *pair in self.rows():
+                mean, error = (f"{each:.4f}" if math.isfinite(each) else "-" for each in pair)
+                table.append((name, mean, error, f"{counts.get(name, self.episodes):,}"))
+            shown = 3 if counts else 2
             lines.append("")
-            lines += [f"{name:<20}" + "".join(f" {cell:>12}" for cell in cells) for name, *cells in self._table()]
-        return "\n".join([*lines, *(["", against_table(self.outcomes)] if self.outcomes else [])])
+            lines += [f"{name:<20}" + "".join(f" {cell:>12}" for cell in cells[:shown]) for name, *cells in table]
+        if self.outcomes:
+            lines += ["", against_table(self.outcomes)]
+        return "\n".join(lines)
 
     __repr__ = __str__
 
     def _repr_html_(self) -> str:
         """Return the summary as HTML, for notebooks."""
-        lines = [
-            f'<td style="text-align: left">{name}</td>{"".join(f"<td>{cell}</td>" for cell in cells)}'
-            for name, *cells in (self._table() if self.episodes else ())
-        ]
-        rows = "".join(f'<tr style="text-align: right">{line}</tr>' for line in lines)
-        table = f'<table style="border-spacing: 1em 0">{rows}</table>'
-        against = f"<pre>{escape(against_table(self.outcomes))}</pre>" if self.outcomes else ""
-        return f"<p>{self._heading()}</p>{table if lines else ''}{against}"
-
-    def _table(self) -> Iterator[tuple[str, ...]]:
-        """Yield the cells of the table, row by row, headings first."""
-        counts = self.episodes_of(" ")
-        yield ("per episode", "mean", "std. error", *(["episodes"] if counts else []))
-        for name, *pair in self.rows():
-            cells = [f"{each:.4f}" if math.isfinite(each) else "-" for each in pair]
-            yield (name, *cells, *([f"{counts.get(name, self.episodes):,}"] if counts else []))
+        heading, _, table = str(self).partition("\n\n")
+        return f"<p>{heading}</p>" + (f"<pre>{escape(table)}</pre>" if table else "")
 
     def _heading(self) -> str:
         if not self.episodes:

@@ -39,7 +39,7 @@ from outlast.ecs import (
     number,
 )
 from outlast.envs.core.spaces import bounds
-from outlast.envs.inspect.event_table import event_table
+from outlast.envs.rollout.table_file import event_table
 from outlast.systems import Motors
 from tests.conftest import COMPILED
 from tests.helpers import toy_game

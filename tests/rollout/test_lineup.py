@@ -13,11 +13,10 @@ from outlast.envs.core.agents import alive, side
 from outlast.envs.errors import ActionError, UsageError
 from outlast.envs.rendering.scene import Scene
 from outlast.envs.rendering.words import winner
-from outlast.envs.rollout.against import Against
 from outlast.envs.rollout.lineup import STREAM, Lineup, checked_entries, draw, own_side, parse_lineup, role_of
 from outlast.envs.rollout.local import rollout
 from outlast.envs.rollout.memory import told
-from outlast.envs.rollout.outcome import Standings, own_wins, shares_beaten, wins
+from outlast.envs.rollout.outcome import Against, Standings, own_wins, shares_beaten, wins
 from outlast.envs.rollout.policies import POLICIES
 from outlast.envs.web.game import Game
 from tests.conftest import run

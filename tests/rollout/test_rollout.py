@@ -300,7 +300,7 @@ def test_a_full_disk_costs_no_statistics(capsys, tmp_path: Path, monkeypatch) ->
 
     flush = RecordingWriter._flush
     monkeypatch.setattr(RecordingWriter, "_flush", full_later)
-    monkeypatch.setattr(table_file.TableFile, "flush", full)
+    monkeypatch.setattr(table_file._Csv, "write", full)
     for option, name in (("--record", "a.rec"), ("--csv", "a.csv"), ("--events", "b.csv")):
         status, out, err = run(capsys, *COMMAND, option, tmp_path / name)
         assert status == 2
@@ -309,8 +309,7 @@ def test_a_full_disk_costs_no_statistics(capsys, tmp_path: Path, monkeypatch) ->
         assert "6 whole episodes, the first of every world" in out
         assert "length" in out
     assert not [file.name for file in tmp_path.iterdir() if file.suffix == ".csv"]
-    monkeypatch.setattr(table_file, "ROWS", 3)
-    monkeypatch.setattr(table_file._Csv, "write", full)  # while worlds are played, which this ends
+    monkeypatch.setattr(table_file, "ROWS", 3)  # written while worlds are played, which this ends
     _, out, err = run(capsys, *COMMAND, "--csv", tmp_path / "a.csv")
     assert "there are no episodes" in err
     assert "episodes ended; those cut off at the end are missing, so means lean towards short episodes" in out

@@ -17,9 +17,9 @@ from outlast.components import Body, Box, Health, Item, Wall, Zone
 from outlast.ecs import Clock, Entity
 from outlast.envs.core.agents import side
 from outlast.envs.core.vector_env import SurvivalVectorEnv
-from outlast.envs.rollout import styles
+from outlast.envs.rollout import policies
+from outlast.envs.rollout.policies import AIMED, STRIKE, SWEEP, Intent, Seen, closer, first, follow, unit
 from outlast.envs.rollout.saved import common_scenario
-from outlast.envs.rollout.styles import AIMED, STRIKE, SWEEP, Intent, Seen, closer, first, follow, unit
 from outlast.envs.scenarios.scenario import Scenario
 
 from ..arena.match import Act
@@ -185,17 +185,17 @@ TWO: Places = {"enemy": (1.2, 0.7), "other": (1.5, -0.7, 0, WEAK)}
 CHASE: Places = {"me": (0, 0, 0, WEAK), "enemy": (6, 0, BACK)}
 PAIR: Places = {"heal": (0.2,), "mate": (3, 0, BACK, HURT)}
 SITUATIONS = (
-    Situation("heal behind", {"heal": (-4, 0.5)}, Scene.healed, styles.hoarder),
-    Situation("hurt", {"heal": (0.2,), "me": (0, 0, 0, HURT)}, lambda scene: scene.points() > HURT, styles.scripted),
+    Situation("heal behind", {"heal": (-4, 0.5)}, Scene.healed, policies.hoarder),
+    Situation("hurt", {"heal": (0.2,), "me": (0, 0, 0, HURT)}, lambda scene: scene.points() > HURT, policies.scripted),
     Situation(
-        "unhurt", {"heal": (3,)}, lambda scene: scene.carries("me", "heal"), styles.hoarder, lasting=True, capped=True
+        "unhurt", {"heal": (3,)}, lambda scene: scene.carries("me", "heal"), policies.hoarder, lasting=True, capped=True
     ),
-    Situation("beyond the rim", {"zone": (3,)}, Scene.safe, styles.scripted, lasting=True),
-    Situation("weak enemy", {"enemy": (1.5, 0, 0, WEAK)}, lambda scene: ~scene.alive("enemy"), styles.hunter),
+    Situation("beyond the rim", {"zone": (3,)}, Scene.safe, policies.scripted, lasting=True),
+    Situation("weak enemy", {"enemy": (1.5, 0, 0, WEAK)}, lambda scene: ~scene.alive("enemy"), policies.hunter),
     Situation("enemy behind", {"enemy": (-4, 0.5, 0, WEAK)}, lambda scene: ~scene.alive("enemy"), weakest),
     Situation("weakest first", TWO, lambda scene: ~scene.alive("other"), weakest, ticks=15),
     Situation("hunted", CHASE, lambda scene: scene.alive("me"), fleeing, ticks=45, lasting=True, attacked=True),
-    Situation("wounded mate", PAIR, lambda scene: scene.carries("mate", "heal"), styles.healer),
+    Situation("wounded mate", PAIR, lambda scene: scene.carries("mate", "heal"), policies.healer),
     Situation("box", {"box": (2,)}, lambda scene: scene.carries("me", "box_item"), breaking),
     Situation("heal behind a box", {"heal": (4.5,), "box": (2.5,)}, Scene.healed, breaking),
     Situation("cover", {"box_item": (0.2,), "enemy": (0, 9, RIGHT)}, Scene.shielded, covering, attacked=True),
@@ -211,7 +211,7 @@ def attempt(
         env.reset(seed=SEED)
         if lacking := situation.lacks(env):
             return lacking
-        solution, attacker = follow(situation.solution, env), follow(styles.hunter, env)
+        solution, attacker = follow(situation.solution, env), follow(policies.hunter, env)
         act: Act = lambda seen, where: solution(seen)[where]  # noqa: E731
         if contender is not None:
             contender.check(env)
