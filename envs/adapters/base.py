@@ -8,18 +8,17 @@ from outlast.ecs import NumberError, Worlds
 
 from ..core.validation import Array, check_choice, check_count
 from ..core.vector_env import SurvivalVectorEnv
-from ..rendering.rgb import Pictured, Window
+from ..rendering.rgb import FPS, RENDER_MODES, Pictured, Window
 from ..scenarios.parse import options_of, resolve
 from ..scenarios.scenario import Scenario
 from ..snapshots.state import State
 
 Info = dict[str, Any]
-DEAD = ("end", "keep")  # whether an agent's death ends its episode, or it stays until its world ends
 
 
 def check_dead(dead: str, worlds: Worlds) -> None:
-    """Raise ValueError unless `dead` is one of DEAD, and "keep" if agents come back to life."""
-    check_choice("dead", dead, DEAD)
+    """Raise ValueError unless `dead` is "end" or "keep", and "keep" if agents come back to life."""
+    check_choice("dead", dead, ("end", "keep"))
     if dead == "end" and Return in worlds:
         raise ValueError("dead = 'end': agents come back in this scenario, so none ends at its death; take dead='keep'")
 
@@ -70,8 +69,13 @@ class Adapter(Pictured):
 class OneWorldAdapter(Adapter):
     """The base of adapters of a single world, which a window may show."""
 
-    _window: Window | None
+    metadata = {"render_modes": [*RENDER_MODES, "human"], "render_fps": FPS}  # noqa: RUF012
+    render_mode: str | None
     render: Callable[[], Any]
+
+    def _prepare_render(self, render_mode: str | None) -> None:
+        check_choice("render_mode", render_mode, (None, *RENDER_MODES, "human"))
+        self.render_mode, self._window = render_mode, Window(FPS) if render_mode == "human" else None
 
     def state(self) -> Array:  # type: ignore[override]
         """Return the complete world, also what no agent sees, float32 (size,); see SurvivalVectorEnv.state."""

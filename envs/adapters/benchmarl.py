@@ -61,9 +61,8 @@ class OutlastClass(TaskClass):  # type: ignore[misc]  # untyped
     def max_steps(self, env: SurvivalTorchEnv) -> int:
         """Return the ticks of an evaluation: the scenario's limit (the longest, if it varies), or LONGEST without one.
 
-        BenchMARL runs for this many ticks even if all episodes have ended: give the task a max_episode_steps. It asks
-        this of the environment that evaluates, and of no other. So from its next seeded reset on, `env` plays the
-        worlds of evaluation, which have other numbers than those of training.
+        BenchMARL asks this of the environment that evaluates, and of no other. So from its next seeded reset on, `env`
+        plays the worlds of evaluation, which have other numbers than those of training.
         """
         env.vector_env.first_world = EVALUATION
         scenario, name = env.vector_env.scenario, "ending_limit"

@@ -36,8 +36,8 @@ class SurvivalAgentVectorEnv(Adapter, BatchedSpaces):
     agent has no statistics; its sub-environment ends with its world.
 
     base_env, a SurvivalVectorEnv without copies, ends episodes and resets worlds according to autoreset_mode. Under
-    SAME_STEP, its own mode is NEXT_STEP: the adapter keeps the last observations and infos, and then resets the worlds
-    itself; only worlds that were set to a state in which they have ended wait for the next step.
+    SAME_STEP, its own mode is NEXT_STEP, and the adapter keeps the last observations and then resets the worlds itself;
+    only worlds that were set to a state in which they have ended wait for the next step.
     """
 
     _checks_all = False  # whether base_env checks the actions of all agents again
@@ -56,7 +56,8 @@ class SurvivalAgentVectorEnv(Adapter, BatchedSpaces):
     ) -> None:
         check_flags(copy=copy, check_actions=check_actions, action_masks=action_masks)
         self.autoreset_mode, self.copy, self.check_actions = checked_mode(autoreset_mode), copy, check_actions
-        inner = AutoresetMode.NEXT_STEP if self.autoreset_mode is AutoresetMode.SAME_STEP else self.autoreset_mode
+        self._resets = self.autoreset_mode is AutoresetMode.SAME_STEP
+        inner = AutoresetMode.NEXT_STEP if self._resets else self.autoreset_mode
         options |= {"autoreset_mode": inner, "copy": False, "check_actions": self._checks_all}
         self.base_env = SurvivalVectorEnv(scenario, num_worlds, **options)
         self.metadata = self.base_env.metadata | {"autoreset_mode": self.autoreset_mode}
@@ -98,31 +99,25 @@ class SurvivalAgentVectorEnv(Adapter, BatchedSpaces):
         try:
             observed, reward, terminated, truncated, _ = self._play(rows)
         except FaultError:  # one world failed; the others have taken the step
-            if (ended := self.base_env._tracker.done).any():
-                self._begin_next(ended)
+            if self._resets and (ended := self.base_env._tracker.done).any():
+                self.base_env.reset(options={"reset_mask": ended})
             raise
         info: Info = {}
         if (done := terminated | truncated).any():
-            info = self._finish(done, observed)
-            begun = self._begin_next(done)
-            observed = observed if begun is None else begun
+            info, observed = self._finish(done, observed)
         info |= self._info(np.ones(self.num_worlds, bool))
         ends = self._spread(terminated), self._spread(truncated)
         return self._own(observed), self._rows(reward).copy(), *ends, info
 
     def render(self) -> tuple[Any, ...] | None:
-        """Draw the world of every sub-environment: a tuple of images, uint8 (height, width, 3) in RGB, or of texts.
-
-        Agents of a world share one frame. Without a render_mode it warns and returns None. NotResetError before
-        reset().
-        """
+        """Draw the world of every sub-environment: a tuple of frames as of SurvivalVectorEnv, which agents share."""
         frames = self.base_env.render()
         return None if frames is None else tuple(frame for frame in frames for _ in range(self._each))
 
     def action_masks(self) -> Array:
         """Return which actions can do something, bool (num_envs, entries); see SurvivalVectorEnv.action_masks."""
         self.base_env._check_running("action_masks")
-        return self._masks()
+        return self._rows(self._actions.masks())
 
     def set_state(self, state: State) -> Arrays:
         """Go on from `state`, of as many worlds or of one for all. Returns the observations. Raises StateError."""
@@ -163,26 +158,22 @@ class SurvivalAgentVectorEnv(Adapter, BatchedSpaces):
         for key, values in self.base_env._presence().items():
             info |= {key: self._rows(values) & rows, f"_{key}": rows}
         if self._masked:
-            info |= {"action_mask": (self._masks() & rows[:, None]).view(np.int8), "_action_mask": rows}
+            masks = self._rows(self._actions.masks()) & rows[:, None]
+            info |= {"action_mask": masks.view(np.int8), "_action_mask": rows}
         return info
 
-    def _finish(self, done: Array, observed: Arrays) -> Info:
-        """Report the episodes that just ended."""
+    def _finish(self, done: Array, observed: Arrays) -> tuple[Info, Arrays]:
+        """Report the episodes that just ended, reset their worlds under SAME_STEP, and return what is observed then."""
         info = self._report(done)
-        if self.autoreset_mode is AutoresetMode.SAME_STEP:
-            rows, final = self._spread(done), np.full(self.num_envs, None, object)
-            last = each(observed, self._rows)
-            for k in np.flatnonzero(rows):
-                final[k] = each(last, lambda view: view[k].copy())  # noqa: B023
-            info |= {"final_info": info | self._info(done), "_final_info": rows.copy()}
-            info |= {"final_obs": final, "_final_obs": rows}
-        return info
-
-    def _begin_next(self, done: Array) -> Arrays | None:
-        """Reset the worlds that just ended, under SAME_STEP, and return what base_env observes now."""
-        if self.autoreset_mode is not AutoresetMode.SAME_STEP:
-            return None
-        return self.base_env.reset(options={"reset_mask": done})[0]
+        if not self._resets:
+            return info, observed
+        rows, final = self._spread(done), np.full(self.num_envs, None, object)
+        last = each(observed, self._rows)
+        for k in np.flatnonzero(rows):
+            final[k] = each(last, lambda view: view[k].copy())  # noqa: B023
+        info |= {"final_info": info | self._info(done), "_final_info": rows.copy()}
+        info |= {"final_obs": final, "_final_obs": rows}
+        return info, self.base_env.reset(options={"reset_mask": done})[0]
 
     def _observe(self) -> Arrays:
         return self._own(self.base_env._observe())
@@ -196,9 +187,6 @@ class SurvivalAgentVectorEnv(Adapter, BatchedSpaces):
         """Return each sub-environment's own entry of the worlds' statistics, (num_envs,) by key."""
         own = agent_statistics(self.base_env.worlds, statistics, self._indices)
         return {key: values.reshape(self.num_envs, *values.shape[2:]) for key, values in own.items()}
-
-    def _masks(self) -> Array:
-        return self._rows(self._actions.masks())
 
     def _rows(self, values: Array) -> Array:
         """Reshape (worlds, agents, ...) to (num_envs, ...), sub-environments only; a view where that is possible."""

@@ -20,8 +20,6 @@ from ..scenarios.scenario import Scenario
 from .base import Info, check_dead, requested
 from .gymnasium_agents import SurvivalAgentVectorEnv
 
-HUMAN = "; for a window wrap 'rgb_array' in gymnasium.wrappers.vector.HumanRendering"
-
 
 class SurvivalLearnerVectorEnv(SurvivalAgentVectorEnv):
     """`num_envs` worlds, in each of which one agent learns; made by `gymnasium.make_vec`.
@@ -60,7 +58,8 @@ class SurvivalLearnerVectorEnv(SurvivalAgentVectorEnv):
         **numbers: Unpack[Numbers],
     ) -> None:
         check_count("num_envs", num_envs, 1)
-        check_choice("render_mode", render_mode, (None, *RENDER_MODES), HUMAN)
+        window = "; for a window wrap 'rgb_array' in gymnasium.wrappers.vector.HumanRendering"
+        check_choice("render_mode", render_mode, (None, *RENDER_MODES), window)
         entries = entries_of(others)
         if max_episode_steps is not None:
             check_count("max_episode_steps", max_episode_steps, 1)

@@ -9,10 +9,9 @@ import numpy as np
 
 from ..core.numbers import copy_changed
 from ..core.observations import each
-from ..core.validation import Array, check_choice, keys
+from ..core.validation import Array, keys
 from ..core.vector_env import world_options
 from ..errors import NotResetError
-from ..rendering.rgb import FPS, RENDER_MODES, Window
 from ..rollout.lineup import Others, copied_others
 from ..scenarios.known_numbers import Numbers
 from ..scenarios.scenario import Scenario
@@ -37,8 +36,7 @@ class SurvivalEnv(OneWorldAdapter, gymnasium.Env[Observation, Array]):
     With actions="joint" Discrete(216), with "continuous" Box(-1, 1, (6,)).
 
     ## Observation Space
-    Dict of float32 arrays, by the keys that the scenario's mechanics declare; with observations="flat" a single array.
-    Observations are copies.
+    Dict of float32 arrays, new ones, by the keys that the mechanics declare; with observations="flat" a single array.
 
     ## Rewards
     A float, the agent's own, according to the scenario's rewards_* numbers.
@@ -67,14 +65,9 @@ class SurvivalEnv(OneWorldAdapter, gymnasium.Env[Observation, Array]):
     * action_masks: Whether info has "action_mask", int8 (entries,): what `action_masks` returns.
     * numbers: Numbers of the scenario to change, as for `Scenario.replace`.
 
-    ## Version History
-    v1: the rules of the paper's runs.
-
     Pickles and copies by copy.copy hold how an environment was made, not its state: the new environment has not been
     reset. Use `get_state` and `set_state` for the state. A copy by copy.deepcopy goes on from where this one is.
     """
-
-    metadata = {"render_modes": [*RENDER_MODES, "human"], "render_fps": FPS}  # noqa: RUF012
 
     def __init__(
         self,
@@ -91,17 +84,15 @@ class SurvivalEnv(OneWorldAdapter, gymnasium.Env[Observation, Array]):
         action_masks: bool = False,
         **numbers: Unpack[Numbers],
     ) -> None:
-        check_choice("render_mode", render_mode, (None, *RENDER_MODES, "human"))
+        self._prepare_render(render_mode)
         scenario = requested(type(self).__init__, scenario, numbers)
         options: Info = {"learner": learner, "others": others, "dead": dead}
         options |= {"max_episode_steps": max_episode_steps, **world_options(locals())}
         self._recipe = partial(type(self), scenario, **options)
-        self._window = Window(FPS) if render_mode == "human" else None
         options["render_mode"] = "rgb_array" if render_mode == "human" else render_mode
         self._batch = SurvivalLearnerVectorEnv(1, scenario, autoreset_mode="Disabled", **options)
         self.base_env = self._batch.base_env
-        self.metadata = {**type(self).metadata, "name": self.base_env.scenario.name}
-        self.render_mode = render_mode
+        self.metadata = {**self.metadata, "name": self.base_env.scenario.name}
         self.observation_space = self._batch.single_observation_space
         self.action_space = self._batch.single_action_space
 
@@ -128,10 +119,7 @@ class SurvivalEnv(OneWorldAdapter, gymnasium.Env[Observation, Array]):
         return _first(observations), float(reward[0]), bool(terminated[0]), bool(truncated[0]), _numbers(info)
 
     def render(self) -> Any:
-        """Return uint8 (height, width, 3), RGB, or text, or show a window and return None, depending on render_mode.
-
-        `reset` and `step` update the window by themselves. Without a render_mode it warns and returns None.
-        """
+        """Return uint8 (height, width, 3), RGB, or text; None with a window, and, with a warning, without a mode."""
         frames = self._batch.render()
         if frames is None or self._window is None:
             return None if frames is None else frames[0]

@@ -19,8 +19,7 @@ from ..core.spaces import statistics
 from ..core.validation import Array, check_choice, check_count
 from ..core.vector_env import SurvivalVectorEnv, world_options
 from ..errors import ActionError, NotResetError, needed
-from ..rendering import rgb
-from ..rendering.rgb import Window
+from ..rendering.rgb import RENDER_MODES, draw, render_world
 from ..scenarios.known_numbers import Numbers
 from ..scenarios.scenario import Scenario
 from ..snapshots.state import State
@@ -34,9 +33,6 @@ with needed("pettingzoo", "parallel_env and aec_env need PettingZoo"):
 Observations = dict[str, Any]  # by name of the agent
 Infos = dict[str, dict[str, Any]]
 Outcome = tuple[Observations, dict[str, float], dict[str, bool], dict[str, bool], Infos]
-
-RENDER_MODES = (*rgb.RENDER_MODES, "human")
-METADATA = {"render_modes": list(RENDER_MODES), "render_fps": rgb.FPS, "is_parallelizable": True}
 
 
 class SurvivalParallelEnv(OneWorldAdapter, ParallelEnv):  # type: ignore[misc]  # untyped, see pyproject.toml
@@ -68,17 +64,16 @@ class SurvivalParallelEnv(OneWorldAdapter, ParallelEnv):  # type: ignore[misc]  
     def __init__(
         self, scenario: Scenario, *, dead: str, render_mode: str | None, actions: str, action_masks: Any, **options: Any
     ) -> None:
-        check_choice("render_mode", render_mode, (None, *RENDER_MODES))
+        self._prepare_render(render_mode)
         if not isinstance(action_masks, (bool, np.bool_)):
             check_choice("action_masks", action_masks, ("observation",), ", True and False")
         self._recipe = partial(type(self), scenario, dead=dead, **options, **world_options(locals()))
-        self._window = Window(rgb.FPS) if render_mode == "human" else None
-        self.render_mode, self.dead = render_mode, dead
+        self.dead = dead
         options |= {"autoreset_mode": "Disabled", "copy": False, "check_actions": False}
         self.base_env = SurvivalVectorEnv(scenario, 1, **options)
         self.np_random = np.random.default_rng(options["seed"])
         check_dead(dead, self.base_env.worlds)
-        self.metadata = {**METADATA, "name": scenario.name}
+        self.metadata = {**self.metadata, "is_parallelizable": True, "name": scenario.name}
         self.possible_agents = [f"agent_{i}" for i in range(self.base_env.num_agents)]
         self.agents: list[str] = []
         self.statistics, self.statistics_present = dict[str, Any](), dict[str, Array]()
@@ -144,10 +139,7 @@ class SurvivalParallelEnv(OneWorldAdapter, ParallelEnv):  # type: ignore[misc]  
         return {agent: masks[self._index[agent]] for agent in self.agents}
 
     def set_state(self, state: State) -> Observations:
-        """Go on from `state`. Returns the observations. Raises StateError if it is of another scenario.
-
-        An AECEnv around this one does not notice, and goes on with the agents and observations that it has stored.
-        """
+        """Go on from `state`. Returns the observations, which an AECEnv around this one does not notice."""
         self.base_env.set_state(state)
         self.agents = self._remaining(self._beginning())
         return self._observe(self.agents)
@@ -156,12 +148,11 @@ class SurvivalParallelEnv(OneWorldAdapter, ParallelEnv):  # type: ignore[misc]  
         """Return uint8 (height, width, 3), RGB, or text, or None for a window, which reset and step also update."""
         self.base_env._check_running("render")
         if self.render_mode is None:
-            raise ValueError(f"render() needs an environment made with a render_mode: {', '.join(RENDER_MODES)}")
-        kind = self.render_mode if self._window is None else "rgb_array"
-        drawn: Any = rgb.render_world(self.base_env.worlds, 0, kind)
-        if self._window is not None:
-            self._window.show(drawn)
-        return drawn if self._window is None else None
+            raise ValueError(f"render() needs an environment made with a render_mode: {', '.join(RENDER_MODES)}, human")
+        if self._window is None:
+            return render_world(self.base_env.worlds, 0, self.render_mode)
+        self._window.show(draw(self.base_env.worlds, 0))
+        return None
 
     def __deepcopy__(self, memo: Any) -> Self:
         other = self._recipe()

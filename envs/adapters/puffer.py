@@ -102,10 +102,7 @@ class SurvivalPufferEnv(Adapter, PufferEnv):  # type: ignore[misc]  # untyped, s
         return self._beginning(), []
 
     def step(self, actions: Array) -> tuple[Array, Array, Array, Array, Infos]:
-        """Advance every world by one tick, and start new episodes in worlds that ended. actions: those of all rows.
-
-        A refused call (ActionError, NotResetError, ClosedError) changes nothing.
-        """
+        """Advance every world by one tick, and begin new episodes where worlds ended. Refused calls change nothing."""
         shape, who = (self.num_agents,), "sub-environment {0}"
         rows = self._actions.rows(actions, shape, self.check_actions, axes="num_agents", who=who)
         out = {name: self._by_world(getattr(self, name)) for name in ("observations", "rewards")}

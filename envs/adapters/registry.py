@@ -1,13 +1,7 @@
 """Registration of all scenarios with Gymnasium and PettingZoo. Adapters are imported when an environment is made.
 
-Gymnasium: ``gymnasium.make("outlast/Teams-v1")`` and ``gymnasium.make_vec("outlast/Teams-v1", 64)``. The ids
-``outlast/FreeForAll-v1`` and ``outlast/Teams-v1`` are the variants ``ffa_3`` and ``teams_3`` unless ``scenario=`` gives
-otherwise; ``outlast/FreeForAll1-v1`` ... ``outlast/Teams4-v1`` are the eight variants. Gymnasium has no entry point for
-plug-ins: import outlast first, or let Gymnasium do so with ``gymnasium.make("outlast:outlast/Teams-v1")``.
-
-PettingZoo (1.27 and later): ``pettingzoo.make("parallel", "outlast/teams_3-v1")``, or ``"aec"``.
-
-The scenarios of installed packages are registered by their own names: ``outlast/NAME-v1`` in each of the three.
+Gymnasium has ``outlast/FreeForAll1-v1`` ... ``outlast/Teams4-v1`` for the eight variants, PettingZoo (1.27 and later)
+``outlast/teams_3-v1`` in both of its registries. Scenarios of installed packages are ``outlast/NAME-v1`` in each.
 """
 
 import gymnasium

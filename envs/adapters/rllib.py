@@ -91,14 +91,11 @@ class SurvivalMultiAgentEnv(OneWorldAdapter, MultiAgentEnv):  # type: ignore[mis
 
 
 def _world(config: Any) -> int:
-    """Return the number of the world of this copy of the environment; 0 outside of RLlib.
-
-    It has to differ, or copies would play the same episodes. To RLlib they are equal: all copies in a worker get
-    the same context object, and when RLlib checks environments, it gives all copies in all workers the same seed, from
-    which they go on if the run has none.
-    """
+    """Return the number of the world of this copy of the environment; 0 outside of RLlib."""
     if not isinstance(config, EnvContext):
         return 0
+    # copies have to differ, but to RLlib they are equal: those in a worker get the same context object, and when RLlib
+    # checks environments, it gives all copies in all workers the same seed, from which they go on if the run has none
     config.copies = getattr(config, "copies", -1) + 1
     place = [config.get("seed") or 0, config.worker_index or 0, config.vector_index, config.copies]
     return int(np.random.SeedSequence(place).generate_state(1, np.uint64)[0] >> np.uint64(2))

@@ -118,10 +118,7 @@ class SurvivalVecEnv(Adapter, VecEnv):  # type: ignore[misc]  # mypy does not fo
         self._actions = as_array(actions).copy()
 
     def step_wait(self) -> tuple[Arrays, Array, Array, list[dict[str, Any]]]:
-        """Advance every world by one tick, and start new episodes where worlds ended.
-
-        A refused call (PendingError, ActionError, NotResetError) changes nothing.
-        """
+        """Advance every world by one tick, and begin new episodes where worlds ended. Refused calls change nothing."""
         if self._actions is None:
             raise PendingError("step_wait() without step_async()")
         actions, self._actions = self._actions, None

@@ -90,11 +90,8 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
 
     TorchRL resets worlds that are done, each by itself ("_reset"). Until then, a step does not advance them, pays them
     0 and leaves them done, as happens inside a FrameSkipTransform. Worlds that "_step" leaves out do not advance,
-    either. World w of seed s is world w of `outlast.make_vec` with that seed. Every step has its own tensors, which the
-    worlds write into.
-
-    `set_seed(s)` and `reset(seed=s)` apply to all worlds: each gets the seed at its own next reset. A reset of some
-    worlds leaves the others as they are.
+    either. Every step has its own tensors, which the worlds write into. `set_seed(s)` and `reset(seed=s)` apply to all
+    worlds: each gets the seed at its own next reset.
 
     Attributes:
         vector_env: The SurvivalVectorEnv below, whose autoreset mode is DISABLED.
@@ -119,7 +116,6 @@ class SurvivalTorchEnv(Pictured, EnvBase):  # type: ignore[misc]  # untyped
         self._make_specs()
 
     def _make_specs(self) -> None:
-        """Make the specs by which TorchRL allocates and checks tensors, for one world."""
         env, device = self.vector_env, self.device
         env._reader.check_fixed()
         seen, acts, rewards = (Composite(device=device) for _ in range(3))

@@ -43,10 +43,7 @@ def export_dataset(path: str, replay: Replay, selection: Selection, flat: bool =
 
 
 def check_new(path: str) -> None:
-    """Raise RecordingError if a dataset cannot be written, as far as that is known before the replay.
-
-    Its name exists or is not possible, or a library is missing.
-    """
+    """Raise RecordingError if a dataset cannot be written, as far as that is known before the replay."""
     target = Path(path)
     with written_to(path, RecordingError, NOTHING):
         if path.startswith(MINARI):

@@ -59,11 +59,9 @@ def new_place(name: str) -> Path:
 def export_minari(name: str, replay: Replay, selection: Selection) -> int:
     """Write the local dataset `name` in Minari's format "arrow", and return the number of agent-steps.
 
-    As usual in Minari, episodes have one observation more than steps. An episode that was cut off, by a reset or the
-    end of the recording, counts as truncated. Their metadata have a seed, and options with world, episode, agent and
-    level, from which a `RecordedEnv` begins the episode again. What has no numbers, as `others` in a game of one agent,
-    is left out, because Arrow divides by its size. The dataset's `recover_environment` makes the game again, with one
-    agent to control and a policy for the others (see `recovered`).
+    Episodes that a reset or the end of the recording cut off count as truncated. Metadata have a seed, and options with
+    world, episode, agent and level, from which a `RecordedEnv`, which `recover_environment` makes, begins the episode
+    again. What has no numbers, as `others` in a game of one agent, is left out, because Arrow divides by its size.
     """
     place, count = new_place(name), [0]
     seen = Observations(replay.worlds, "dict", scaled=False).of_agent(0)

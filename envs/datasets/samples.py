@@ -89,10 +89,7 @@ def concatenate(parts: list[DatasetSamples]) -> DatasetSamples:
 
 
 def read_samples(replay: Replay, selection: Selection) -> Iterator[DatasetSamples]:
-    """Yield the samples of a recording, tick by tick; ticks without any are left out.
-
-    Raises RecordingError for an empty or damaged file, ReplayError if the replay differs from what was recorded.
-    """
+    """Yield the samples of a recording, tick by tick; ticks without any are left out. Raises RecordingError."""
     worlds, last_steps = replay.worlds, _last_steps(replay.recording, selection)
     buffers = {key: getattr(worlds[c], name) for key, c, name, _ in published(worlds, Observation)}
     selected = np.zeros(worlds.count, bool)

@@ -52,12 +52,10 @@ class Viewpoint:
 
 
 def observation_text(observation: Mapping[str, Array], fields: Fields, roles: Sequence[str] = ()) -> Lines:
-    """Return lines of text by heading.
+    """Return lines of text by heading. observation: What one agent observes, float32 arrays by key.
 
     Rows with a place are counted; other observations, and fields of agents, are written if they are short. Velocities
     and the outlines of boxes are left out.
-
-    observation: What one agent observes, float32 arrays by key. fields, roles: Those of SurvivalVectorEnv.
     """
     own = observation["own"]
     living = [name for name in ("health", *MOTION) if name in fields["own"]]
@@ -79,8 +77,10 @@ def observation_text(observation: Mapping[str, Array], fields: Fields, roles: Se
         if key in HANDLED or key.endswith("_mask"):
             continue
         if f"{key}_mask" in observation and {"x", "y"} <= fields.get(key, {}).keys():
-            rows = values[observation[f"{key}_mask"] > 0]
-            lines[_heading(key)] = _nearest(viewpoint, rows[:, columns_of(fields[key], "x", "y")])
+            places = values[observation[f"{key}_mask"] > 0][:, columns_of(fields[key], "x", "y")]
+            near = min(places, key=lambda place: viewpoint.distance(*place), default=None)
+            words = "none in sight" if near is None else f"{len(places)} in sight, nearest {viewpoint.direction(*near)}"
+            lines[_heading(key)] = [words]
         elif values.size <= FEW:
             lines[_heading(key)] = [", ".join(f"{value:g}" for value in values.ravel())]
     return lines
@@ -134,13 +134,6 @@ def _agents(viewpoint: Viewpoint, others: list[Viewpoint]) -> Lines:
             )
         )
     return {heading: found or ["none in sight"] for heading, found in lines.items()}
-
-
-def _nearest(viewpoint: Viewpoint, places: Array) -> list[str]:
-    if not len(places):
-        return ["none in sight"]
-    nearest = min(places, key=lambda place: viewpoint.distance(*place))
-    return [f"{len(places)} in sight, nearest {viewpoint.direction(*nearest)}"]
 
 
 def _values(row: Array, fields: Mapping[str, Field], *names: str) -> Iterator[float]:

@@ -1,10 +1,7 @@
-"""A world as plain dictionaries that JSON can hold.
-
-`describe`, `snapshot` and `events` are all that a page needs to draw the world and to list what agents have.
+"""A world as plain dictionaries that JSON can hold: all that a page needs to draw it and to list what agents have.
 
 Objects are all bodies that are not agents: boxes, items, walls, marks on the floor. Agents are numbered from 0, and so
-are objects. As the number of a body, an agent has its own number, and an object has its number plus the number of
-agents.
+are objects. The number of a body is an agent's own, or an object's plus the number of agents.
 """
 
 import functools

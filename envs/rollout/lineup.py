@@ -38,7 +38,7 @@ def parse_lineup(text: str, names: Collection[str] = tuple(POLICIES)) -> dict[st
     """Return the weights in a text such as "scripted:0.5,runs/a.zip:0.3,random", by name or path, in order.
 
     text: Policies as for `checked_entries`, or FILE.py:FUNCTION, see `own_policy`; each followed by a colon and its
-    weight, or else the weight is 1. names: The names that are allowed. Raises UsageError, as `checked_entries` does.
+    weight, or else the weight is 1. names: Those that are allowed. Raises UsageError.
     """
     pairs = []
     for part in text.split(","):
@@ -92,10 +92,7 @@ def copied_others(others: Others, memo: Any) -> Others:
 
 
 def load_policies(names: Sequence[str | Policy], asked: Scenario, seed: int) -> tuple[Scenario, list[str | Policy]]:
-    """Return the scenario with observations that all policies can play with, and what `loaded` returns.
-
-    Raises UsageError if a policy cannot play there, or PyTorch is not installed.
-    """
+    """Return the scenario with observations that all policies can play with, and what `loaded` returns."""
     chosen = loaded(names, seed)
     players: list[Any] = [each for each in chosen if hasattr(each, "scenario")]
     fitting = common_scenario(asked, players)
@@ -117,10 +114,7 @@ def is_foreign(policy: str | Policy) -> bool:
 
 
 def own_policy(name: str) -> Maker:
-    """Return a function (env, seed) that makes the policy which `is_own` is about; its file or module is imported.
-
-    Raises UsageError as `maker_of` does; ScenarioError if the name is unknown, or the place cannot be imported.
-    """
+    """Return a function (env, seed) that makes the policy which `is_own` is about; its file or module is imported."""
     place, _, member = name.rpartition(":")
     return maker_of(member_of(module_of(place), member, place, ()), name)
 
@@ -169,10 +163,7 @@ def role_of(side: Any, world: Any, episode: Any) -> Any:
 
 
 def own_side(world: Any, episode: Any, sides: Any) -> Any:
-    """Return the one side that a policy plays against all others; with two sides, the one that role 0 plays.
-
-    It is another one in the next world and in the next episode. sides: How many there are, in all worlds or in each.
-    """
+    """Return which of `sides` a policy plays against all others: another in the next world, and in the next episode."""
     return (world + episode) % sides
 
 
@@ -238,10 +229,7 @@ class Lineup:
             tell(policy, where)
 
     def actions(self) -> Actions:
-        """Return its actions in the worlds as they are now, (worlds, agents, actions). Raises ActionError.
-
-        Call it once before each step: it finds out by itself where episodes begin.
-        """
+        """Return its actions in the worlds as they are now, after `reset` where episodes begin; once for each step."""
         if not self._shape[1]:
             return np.zeros(self._shape, np.int8)
         if self._begins is not None and (where := self._begins.look()).any():

@@ -49,14 +49,10 @@ def tell(policy: Any, where: Array) -> None:
 def told(policy: Policy, env: SurvivalVectorEnv) -> Policy:
     """Return the policy with a memory that is reset where episodes begin; the policy itself, if it has no memory.
 
-    Args:
-        policy: A function from observations to actions. A method `reset` makes it a policy with a memory: if since its
-            last call episodes have begun in some worlds, or have gone on from a state that was set, `reset` is called
-            first, with these worlds, bool (worlds,). Before the very first call it gets all worlds.
-        env: The worlds. Call the result once before each of their steps.
-
-    Raises:
-        UsageError: The policy is not a function, but a name, for example.
+    policy: A function from observations to actions. A method `reset` makes it a policy with a memory: if since its last
+    call episodes have begun in some worlds, or have gone on from a state that was set, `reset` is called first, with
+    these worlds, bool (worlds,). Before the very first call it gets all worlds. env: The worlds. Call the result once
+    before each of their steps.
     """
     if not callable(policy):
         raise UsageError(f"policy = {policy!r}: a function is needed, such as outlast.policies.scripted_policy(env)")

@@ -14,18 +14,15 @@ from .memory import tell
 from .policies import Policy
 from .summary import RESULTS
 
-PLAYED = ("against", "own_side", "result")  # columns that tables of episodes get
+PLAYED = ("against", "own_side", "result")  # columns that tables of episodes get: text, int, text
 
 
 class Standings:
-    """Progress of each side of each world in its episode.
-
-    life: int (worlds, sides), the ticks that each side has lived: those at whose end it had a living member.
-    """
+    """Progress of each side of each world in its episode."""
 
     def __init__(self, worlds: Worlds) -> None:
         self._worlds = worlds
-        self.life = np.zeros((worlds.count, worlds.dims["sides"]), int)
+        self.life = np.zeros((worlds.count, worlds.dims["sides"]), int)  # ticks that ended with a living member
 
     def begin(self, where: Array) -> None:
         """Begin anew in the worlds `where`, bool (worlds,)."""
@@ -36,31 +33,23 @@ class Standings:
         self.life += self._worlds[Score].alive > 0
 
     def of(self, rows: Array) -> Array:
-        """Return how far the sides of the worlds `rows` have come, float64 (rows, sides); absent ones -inf.
-
-        That is the score in components.Outcome, or the ticks that they have lived.
-        """
+        """Return scores in components.Outcome, or else ticks lived, float64 (rows, sides); -inf for absent sides."""
         come = self._worlds[Outcome].outcome[rows] if Outcome in self._worlds else self.life[rows]
         there = (side(self._worlds, rows)[:, :, None] == np.arange(come.shape[1])).any(1)
         return np.where(there, come, -np.inf)
 
 
 def own_wins(come: Array, own: Array) -> Array:
-    """Return whether one side of each world, `own`, wins against all others: 1, 0, or 0.5 for a draw, float64.
-
-    come: How far each side came, (worlds, sides).
-    """
+    """Return whether the side `own` of each world wins against all others; see `wins`. come: (worlds, sides)."""
     mine = own[:, None] == np.arange(come.shape[1])
     return wins(np.stack([np.where(each, come, -np.inf).max(1) for each in (mine, ~mine)], 1))[:, 0]
 
 
 def shares_beaten(come: Array, own: Array, sides: Array) -> Array:
-    """Return the share of the other sides that one side of each world came farther than, by living longer or otherwise.
+    """Return the share of the other sides that the side `own` of each world came farther than; equally far is a half.
 
-    For sides that play equally well it is 1/2 on average for any number; for two sides it is `own_wins`, which has the
-    same arguments and form. A side that came equally far counts half.
-
-    sides: How many sides each world has, at least 2, (worlds,); those beyond are absent.
+    For sides that play equally well it is 1/2 on average for any number; for two sides it is `own_wins`. sides: How
+    many each world has, at least 2, (worlds,); those beyond are absent.
     """
     number = np.arange(come.shape[1])
     others = (number < sides[:, None]) & (number != own[:, None])
@@ -68,10 +57,7 @@ def shares_beaten(come: Array, own: Array, sides: Array) -> Array:
 
 
 def wins(come: Array) -> Array:
-    """Return who wins, the role whose best side came farther: 1, 0 for the other role, 0.5 for both in a draw, float64.
-
-    come: How far the best side of each role came, (..., roles).
-    """
+    """Return who wins: 1, 0, or 0.5 in a draw, given how far the best side of each role came, float64 (..., roles)."""
     return _beats(come, come[..., ::-1])
 
 
@@ -127,10 +113,7 @@ class Against:
         np.add.at(self.counts, (self._others.drawn[rows], self._results[rows]), 1)
 
     def played(self, rows: Array) -> dict[str, Array]:
-        """Return the columns of tables about the episodes that have just ended in the worlds `rows`.
-
-        `against` (text): the opponent of the policy; `own_side` (int); `result` (text), "" without another side.
-        """
+        """Return the columns PLAYED of the episodes that just ended in the worlds `rows`; "" for those of one side."""
         names, results = np.array(self._others.names), np.array([*RESULTS, ""])
         found = names[self._others.drawn[rows]], self._own[rows], results[self._results[rows]]
         return dict(zip(PLAYED, found, strict=True))

@@ -1,10 +1,8 @@
 """Policies that need no training. A policy is a function (observations) -> actions for a batch of worlds.
 
-A policy with a memory also has a method `reset`; see memory.told.
-
-A style is a function from Seen to Intent, of what agents observe at the moment, for all agents of all worlds at once;
-`follow` turns it into a policy. It finds numbers by the names of their fields, so it can play any game with such
-fields, and copes if some are missing.
+A policy with a memory also has a method `reset`; see memory.told. A style is a function from Seen to Intent, for all
+agents of all worlds at once; `follow` turns it into a policy. It finds numbers by the names of their fields, so it can
+play any game with such fields, and copes if some are missing.
 """
 
 import inspect
@@ -305,10 +303,9 @@ def rotated(vectors: Any, angle: Any) -> tuple[Any, Any]:
 
 
 def level(values: Any, idle: int, shares: bool) -> Any:
-    """Return the action for a motor at the nearest whole level; there are `idle` levels in each direction.
+    """Return the action for a motor with `idle` levels in each direction, at the level that is nearest to the values.
 
-    Values are shares of the highest level. Without `shares` they count levels, of which the paper's motors have 1; with
-    more than FEW, they are shares, too.
+    These are shares of the highest level; without `shares` they count levels, unless there are more than FEW.
     """
     each = idle if shares or idle > FEW else 1
     return idle + np.clip(np.rint(values * each), -idle, idle).astype(np.int16)
@@ -321,7 +318,7 @@ def maker_of(given: Any, name: str) -> Maker:
     """Return a function (env, seed) that makes a user's policy: `given`, or what it returns, if it is of an env.
 
     given: A policy (observations) -> actions, or a function (env) or (env, seed), whose first parameter is called env,
-    that returns one. name: What errors call it. Raises UsageError, later also, if it returned another type.
+    that returns one. name: What errors call it.
     """
     if not callable(given):
         raise UsageError(f"{name} is {given!r:.60}: a policy, or a function (env, seed) that returns one, is needed")
@@ -432,11 +429,8 @@ POLICIES: dict[str, Maker] = {"random": random_policy, "noop": noop_policy, **_O
 
 
 def others_policy(name: str, env: SurvivalVectorEnv, agents: Any) -> Policy:
-    """Make one of POLICIES for some agents only. It gets their observations by key and unscaled, for any form of env.
-
-    "random" is then a function of (seed, world, episode, tick, agent). agents: Their indices, integers (agents,).
-    """
-    if name == "random":
+    """Make one of POLICIES for agents with these indices only. It gets their observations by key, unscaled."""
+    if name == "random":  # a function of (seed, world, episode, tick, agent), whenever it is called
         draw, clock, ids = joint_action_sampler(env.action_sizes), env.worlds[Clock], np.asarray(agents, np.uint64)
         return lambda observations: draw(hashed(clock.seed, clock.world, clock.episode, clock.tick, ids[None]))
     if name == "noop":

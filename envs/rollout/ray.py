@@ -24,10 +24,10 @@ CONNECT_TIMEOUT = 10.0  # seconds in which the head of a cluster has to answer
 
 @contextlib.contextmanager
 def connected(address: str = "") -> Iterator[None]:
-    """Connect to the Ray cluster at `address`, unless this process is connected to one already.
+    """Connect to the Ray cluster at `address`, unless this process is connected to one already, or raise ClusterError.
 
     The address "" stands for the cluster that $RAY_ADDRESS names or that runs on this machine; without one, a new
-    cluster runs on this machine as long as the connection is open. Raises ClusterError without a cluster.
+    cluster runs on this machine as long as the connection is open.
     """
     if ray.is_initialized():
         yield

@@ -1,7 +1,4 @@
-"""Saved policies: finding and loading them, and giving an environment the observations that they need.
-
-Models are trained policies that are kept with outlast, by name; models.csv lists them.
-"""
+"""Saved policies, and models, which are those that models.csv lists: finding, loading, observations that they need."""
 
 import contextlib
 import csv
@@ -84,10 +81,7 @@ def text_of(given: str | os.PathLike[str]) -> str:
 
 
 def located(given: str | os.PathLike[str]) -> Path:
-    """Return the file of a saved policy: a model's, by its name; the file that is named; a run's newest, by its folder.
-
-    Raises UsageError for an unknown model, or a folder that does not hold a single run.
-    """
+    """Return the file of a saved policy: a model's, by its name; the file itself; a run's newest, by its folder."""
     text = text_of(given)
     if text in models():
         return fetched(text)
@@ -99,10 +93,7 @@ def located(given: str | os.PathLike[str]) -> Path:
 
 
 def similar(text: str, names: Iterable[str] = ()) -> str:
-    """Return the question of an error message about a policy that does not exist, such as "did you mean runs/duel? ".
-
-    It names what is beside a path, otherwise some of `names` and models; "" if nothing is similar.
-    """
+    """Return "did you mean runs/duel? ", with what is beside a path, or one of `names` and models; "" for none."""
     place = Path(text)
     with contextlib.suppress(OSError):
         beside = [str(each) for each in place.parent.iterdir()] if len(place.parts) > 1 else []

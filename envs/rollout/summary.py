@@ -65,10 +65,7 @@ class Summary:
         return cls(episodes, per_world, world_steps, sums, squares, counts, outcomes, kept, seconds)
 
     def add(self, statistics: Mapping[str, Any], where: Array, present: Mapping[str, Array] | None = None) -> None:
-        """Count the episodes of info["statistics"] in the worlds `where`, bool (worlds,).
-
-        present: info["statistics_present"], where there is one.
-        """
+        """Count the episodes of info["statistics"], and info["statistics_present"], in the worlds `where`."""
         self.episodes += int(where.sum())
         for key, there in (present or {}).items():
             self.counts[key] = self.counts.get(key, 0) + (there & where[:, None])
@@ -85,14 +82,10 @@ class Summary:
     def arrays(self) -> dict[str, Array]:
         """Return the statistics of every episode, in order of worlds, and within a world in order of time.
 
-        Returns:
-            Statistics by name, (episodes,) or (episodes, n), n agents, sides ...; and, as in files of episodes, `world`
-            and `episode`, int64 (episodes,), and with others also `against`, `own_side` and `result`. If some episodes
-            lack agents or sides, their statistics are masked arrays. `first_death` is 0 without deaths. Empty if no
-            episode ended.
-
-        Raises:
-            UsageError: The statistics were not kept.
+        They are arrays (episodes,) or (episodes, n), n agents, sides ..., by name; and, as in files of episodes,
+        `world` and `episode`, int64 (episodes,), and with others also `against`, `own_side` and `result`. If some
+        episodes lack agents or sides, their statistics are masked arrays. `first_death` is 0 without deaths. Empty if
+        no episode ended. UsageError if the statistics were not kept.
         """
         if self.kept is None:
             raise UsageError("the statistics of single episodes were not kept: call outlast.rollout(..., keep=True)")
@@ -101,10 +94,7 @@ class Summary:
         return {key: values[order] for key, values in found.items()}
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the numbers for JSON. Where `unbiased` is False, means lean towards short episodes.
-
-        See `episodes_per_world`. Names of statistics are those of `column_names`.
-        """
+        """Return the numbers for JSON. Where `unbiased` is False, means lean towards short episodes."""
         counts = self.episodes_of()
         outcomes = {name: dict(zip(RESULTS, counts.tolist(), strict=True)) for name, counts in self.outcomes.items()}
         return {
@@ -130,10 +120,7 @@ class Summary:
         }
 
     def rows(self, between: str = " ") -> list[tuple[str, float, float]]:
-        """Return (name, mean, standard error) of each statistic; those with an entry per agent or side get a row each.
-
-        Mean and error are NaN for agents and sides that no episode had. between: See `column_names`.
-        """
+        """Return (name, mean, standard error) of each column; NaN for agents and sides that no episode had."""
         found = []
         for key in sorted(self.sums):
             sums, squares = (table[key].reshape(len(table[key]), -1).T for table in (self.sums, self.squares))
@@ -168,10 +155,8 @@ class Summary:
         if not self.episodes:
             return "no episode ended: statistics are of whole episodes, which take more steps"
         if not self.episodes_per_world:
-            return (
-                f"{self.episodes:,} episodes ended; those cut off at the end are missing, so means lean towards short "
-                "episodes"
-            )
+            bias = "those cut off at the end are missing, so means lean towards short episodes"
+            return f"{self.episodes:,} episodes ended; {bias}"
         count = f"{self.episodes_per_world:,} " if self.episodes_per_world > 1 else ""
         return f"{self.episodes:,} whole episodes, the first {count}of every world"
 
@@ -191,10 +176,7 @@ def _finite(value: float) -> float | None:
 
 
 def column_names(key: str, values: Any, between: str = "_") -> list[str]:
-    """Return the names of a statistic's columns: its own, or key_0, key_1 ... if it has entries per agent or side.
-
-    values: (worlds,) or (worlds, n).
-    """
+    """Return the names of a statistic's columns: its own, or key_0, key_1 ... if `values` are (worlds, n)."""
     return [key] if np.ndim(values) == 1 else [f"{key}{between}{k}" for k in range(math.prod(np.shape(values)[1:]))]
 
 

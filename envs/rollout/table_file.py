@@ -83,19 +83,13 @@ def table_file(
 
 @contextlib.contextmanager
 def event_file(path: str, layout: MemoryLayout, first_world: int = 0) -> Iterator[Callable[..., None]]:
-    """Open a new file for events, with the COLUMNS; see `table_file`.
-
-    Yields a function that adds the events of a step, as returned by env.events(), of some worlds, bool (worlds,).
-    """
+    """Open a new file for events, and yield a function that adds those of a step, env.events(), in some worlds."""
     with table_file(path, "events", list(COLUMNS), EVENTS) as add:
         yield lambda events, where: add(event_table(layout, events, first_world, where))
 
 
 def numbered(env: SurvivalVectorEnv, numbers: Array, against: Against | None = None) -> Ended[dict[str, Array]]:
-    """Return a function from info to the episodes that count: the columns of Summary.arrays.
-
-    numbers: Number of the episode that each world is in, from 1, int (worlds,).
-    """
+    """Return a function from info to the columns of Summary.arrays. numbers: Of each world's episode, from 1."""
 
     def rows(info: Mapping[str, Any], where: Array) -> dict[str, Array]:
         worlds, there = np.flatnonzero(where), info.get("statistics_present", {})
@@ -177,10 +171,8 @@ class _Parquet:
 
 
 def with_episodes(events: dict[str, Array], episodes: Array) -> dict[str, Array]:
-    """Replace the column `episode` of events (by name) with each world's number in `episodes`, int (worlds,).
-
-    The clock's own number of an episode starts again whenever a seed, or a level with a key, is given.
-    """
+    """Replace the column `episode` of events (by name) with each world's number in `episodes`, int (worlds,)."""
+    # the clock's own number of an episode starts again whenever a seed, or a level with a key, is given
     for rows in events.values():
         rows["episode"] = episodes[rows["world"]]
     return events
