@@ -6,7 +6,6 @@ import functools
 import importlib.util
 import keyword
 import logging
-from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
@@ -17,7 +16,7 @@ from outlast.systems import Walls
 
 from ..api.check import CHECKS, CheckOptions, check
 from ..api.make import make_vec
-from ..core.options import GAME, OUTPUT, PLAY, option
+from ..core.options import GAME, OUTPUT, PLAY
 from ..errors import ScenarioError, UsageError
 from ..rendering.canvas import png
 from ..rendering.footage import check_pictures, footage, near_square
@@ -27,21 +26,24 @@ from ..scenarios.number_table import NumberRow, scenario_rows
 from ..scenarios.variants import ABLATIONS, ALIASES, VARIANTS
 from ..storage.outputs import atomic_write, check_file, written_to
 from ..text_table import terminal_width, text_table
+from ..web.pages import write_page
 from .grammar import add_command
-from .options import VARIANT, add_changes, add_number, add_options, add_scenario, given_options, output, path, scenario
+from .options import (
+    VARIANT,
+    add_changes,
+    add_options,
+    add_scenario,
+    given_options,
+    output,
+    path,
+    positive,
+    scenario,
+    seed,
+)
 
 LOGGER = logging.getLogger(__name__)
 TEMPLATE = Path(__file__).with_name("new_game.txt")
-SEED = "seed of all random numbers: the same seed gives the same episodes"
 SIZE = 384  # pixels along a side of a picture of a layout
-
-
-@dataclass(frozen=True)
-class LayoutOptions:
-    """The options of `outlast layout` about worlds."""
-
-    worlds: int = option(1, PLAY, "number of worlds to draw", metavar="N", least=1)
-    seed: int = option(0, PLAY, SEED, metavar="N", least=0, most=2**64 - 1)
 
 
 def add(commands: Any) -> None:
@@ -58,12 +60,16 @@ def add(commands: Any) -> None:
     text = f"where the walls stand: {VARIANT} (default: ffa_3)"
     game.add_argument("--variant", default="ffa_3", metavar="VARIANT", help=text)
     add_changes(command)
-    add_options(command, LayoutOptions)
+    played = command.group(PLAY)
+    played.add_argument("--worlds", type=positive, default=1, metavar="N", help="number of worlds to draw (default 1)")
+    text = "seed of all random numbers: the same seed gives the same episodes (default 0)"
+    played.add_argument("--seed", type=seed, default=0, metavar="N", help=text)
     files = command.group(OUTPUT)
-    add_number(files, "--size", str(SIZE), "side of each world's picture in pixels, 64 to 4096, for a .png only")
+    text = f"side of each world's picture in pixels, 64 to 4096, for a .png only (default: {SIZE})"
+    files.add_argument("--size", type=positive, metavar="N", help=text)
     text = "what to write: NAME.png for a picture, NAME.html for a web page, or NAME.json for a floor plan, of one "
     text += "world only"
-    files.add_argument("--out", type=output(_check_layout_file), required=True, metavar="FILE", help=text)
+    files.add_argument("--out", type=_layout_file, required=True, metavar="FILE", help=text)
 
     command = add_command(commands, "schedule", print_schedule)
     add_scenario(command)
@@ -168,8 +174,6 @@ def draw_layout(options: argparse.Namespace) -> None:
         raise UsageError(f"--out {options.out} is for the floor plan of one world; leave --worlds out, or write a .png")
     if path.suffix == ".png":
         check_pictures(size, near_square(options.worlds), 1)
-    from ..web.pages import write_page
-
     asked = scenario(options)
     plan = None if options.layout in GENERATORS else FloorPlan.load(options.layout)
     with contextlib.closing(make_vec(asked, options.worlds, seed=options.seed, copy=False)) as env:
@@ -190,10 +194,10 @@ def draw_layout(options: argparse.Namespace) -> None:
     print(options.out)
 
 
-def _check_layout_file(path: str) -> None:
+def _layout_file(path: str) -> str:
     plan = path.endswith(".json")
-    what = "floor plans" if plan else "layouts"
-    check_file(path, what, UsageError, endings=(".png", ".html", ".json"), new=plan)
+    what, endings = "floor plans" if plan else "layouts", (".png", ".html", ".json")
+    return output(functools.partial(check_file, what=what, error=UsageError, endings=endings, new=plan))(path)
 
 
 def _warn_of_parts(name: str, plan: FloorPlan, worlds: Worlds) -> None:

@@ -87,7 +87,7 @@ def add_scenario(command: Parser, several: bool = False) -> None:
 
 
 def add_changes(command: Parser) -> None:
-    """Return what changes a game."""
+    """Add the options that change a game."""
     command = command.group(GAME)
     text = "change a number of the game, such as n_agents=10 or safe_zone_radii=8,4; `outlast numbers VARIANT` lists "
     text += "them (can be repeated)"
@@ -153,15 +153,11 @@ def _check_save(asked: Scenario, options: argparse.Namespace) -> None:
     path = Path(options.save_scenario)
     if isinstance(options.variant, list) and len(options.variant) > 1:
         raise ScenarioError(f"--save-scenario writes one scenario, and {len(options.variant)} are named")
-    if path.exists() and not _holds(path, asked.to_json()):
+    if path.exists():
+        with contextlib.suppress(ValueError):  # it is too large, or not text
+            if read_text(path) == asked.to_json():
+                return
         raise ScenarioError(f"--save-scenario: {path} exists, and holds something else: choose another name")
-
-
-def _holds(path: Path, text: str) -> bool:
-    """Return whether a file holds that text."""
-    with contextlib.suppress(ValueError):
-        return read_text(path) == text
-    return False
 
 
 def save_scenario(options: argparse.Namespace) -> None:
@@ -220,18 +216,10 @@ def add_quiet(command: Parser) -> None:
     command.group(OUTPUT).add_argument("--quiet", action="store_true", help="show no progress bar")
 
 
-def policy(text: str) -> str:
-    """Return the name of a policy, or the path of a saved one's file."""
+def _players(text: str, several: bool) -> str | dict[str, float]:
+    """Return the name of a policy, or the path of a saved one; of several, the weights by these."""
     try:
-        return str(checked_entries([(text, 1)])[0][0])
-    except UsageError as error:
-        raise argparse.ArgumentTypeError(str(error)) from error
-
-
-def lineup(text: str) -> dict[str, float]:
-    """Return weights by name of a policy, or by path of a saved one."""
-    try:
-        return parse_lineup(text)
+        return parse_lineup(text) if several else str(checked_entries([(text, 1)])[0][0])
     except UsageError as error:
         raise argparse.ArgumentTypeError(str(error)) from error
 
@@ -253,10 +241,7 @@ def messages_shown(name: str = "outlast", form: str = "outlast: %(message)s") ->
 
 
 class _BesideBars(logging.StreamHandler[TextIO]):
-    """A handler that writes messages above progress bars."""
-
     def emit(self, record: logging.LogRecord) -> None:
-        """Write a message."""
         with above_bars(self.stream):
             super().emit(record)
 
@@ -273,21 +258,6 @@ def path(text: str) -> str:
     return text
 
 
-def positive(text: str) -> int:
-    """Return an integer of at least 1."""
-    return count(text, 1)
-
-
-def nonnegative(text: str) -> int:
-    """Return an integer of at least 0."""
-    return count(text, 0)
-
-
-def seed(text: str) -> int:
-    """Return an integer from 0 to 2**64 - 1."""
-    return count(text, 0, MAX_SEED)
-
-
 def count(text: str, least: int = 1, most: int = MAX_COUNT) -> int:
     """Return an integer as people write them: 1000, 1_000, 1e3, 2.5e6. Raises argparse.ArgumentTypeError."""
     try:
@@ -302,11 +272,14 @@ def count(text: str, least: int = 1, most: int = MAX_COUNT) -> int:
     return int(value)
 
 
+positive, nonnegative = functools.partial(count, least=1), functools.partial(count, least=0)
+seed = functools.partial(count, least=0, most=MAX_SEED)
+
 # how the values of some options are parsed, by their names
 PARSED: dict[str, dict[str, Any]] = {
     "seed": {"type": seed},
-    "policy": {"type": policy},
-    "others": {"type": lineup},
+    "policy": {"type": functools.partial(_players, several=False)},
+    "others": {"type": functools.partial(_players, several=True)},
     "record": {"type": output(functools.partial(check_file, what="recordings", error=RecordingError, new=True))},
 }
 

@@ -23,6 +23,8 @@ from ..api.make import make_vec
 from ..api.play import FASTEST, PageOptions, PlayOptions, play
 from ..api.rollout import RolloutOptions, check_files, prepared, worlds_of
 from ..core.options import MACHINE, OUTPUT
+from ..datasets.export import check_new, export_dataset
+from ..datasets.samples import Selection
 from ..errors import ClusterError, RecordingError, ReplayError, UsageError, needed
 from ..progress import Progress
 from ..recording import Recording, Replay
@@ -37,6 +39,7 @@ from ..scenarios.scenario import Scenario
 from ..scenarios.scenario_json import plain, same_for_all
 from ..storage.outputs import atomic_write, check_file, written_to
 from ..text_table import text_table
+from ..web.pages import checked, replay_page
 from .grammar import Parser, add_command
 from .options import (
     CLUSTER,
@@ -58,8 +61,6 @@ from .options import (
 )
 
 LOGGER = logging.getLogger(__name__)
-MODEL_HEADS = ("preset", "seed", "agent-steps", " wins", "  bytes", "SHA-256", "name")
-SHORT = 12  # digits of a checksum
 
 Work = Callable[[Callable[[Summary], None]], Summary]  # rolls out, and calls what it is given after every step
 
@@ -112,12 +113,12 @@ def _add_replay(command: Parser) -> None:
     _add_pictures(command, required=False)
     files, part = command.group(OUTPUT), command.group("which part")
     text = "write a web page that plays the recording"
-    files.add_argument("--html", type=output(_check_page), metavar="PATH", help=text)
+    files.add_argument("--html", type=output(checked), metavar="PATH", help=text)
     text = "with --html: another recording, which the page plays side by side with this one"
     files.add_argument("--beside", type=path, metavar="FILE", help=text)
     text = "write samples to learn from: to a folder of .npz files, to NAME.parquet, or to the Minari dataset "
     text += "minari:NAME-v0"
-    files.add_argument("--data", type=output(_check_data), metavar="PATH", help=text)
+    files.add_argument("--data", type=output(check_new), metavar="PATH", help=text)
     text = "with --data NAME.parquet: a column for each number that agents observe, own_health, others_0_x ..., in "
     text += "place of a list for each kind"
     files.add_argument("--flat", action="store_true", help=text)
@@ -138,18 +139,6 @@ def _summary_file(text: str) -> str:
     """Return the file of a summary, or STDOUT."""
     check = partial(check_file, what="summaries", error=UsageError, endings=(".json",), new=True)
     return text if text == STDOUT else output(check)(text)
-
-
-def _check_page(path: str) -> None:
-    from ..web.pages import checked  # here, as the command loads the page only where it writes one
-
-    checked(path)
-
-
-def _check_data(path: str) -> None:
-    from ..datasets.export import check_new
-
-    check_new(path)
 
 
 def _grid(text: str) -> tuple[int, int]:
@@ -318,11 +307,11 @@ def list_models(options: argparse.Namespace) -> None:
         models  # every name, with how it was trained
         evaluate teams_3 teams_3/fast-0 scripted  # two policies, of which one is a model
     """
-    rows = []
+    rows = [("preset", "seed", "agent-steps", " wins", "  bytes", "SHA-256", "name")]
     for each in models().values():
         numbers = f"{each.steps:>11,}", f"{each.wins:.3f}", f"{each.size:>7,}"
-        rows.append((each.preset, str(each.seed), *numbers, each.sha256[:SHORT], each.name))
-    print(text_table(rows, MODEL_HEADS))  # as wide as the names of games are
+        rows.append((each.preset, str(each.seed), *numbers, each.sha256[:12], each.name))
+    print(text_table(rows))  # as wide as the names of games are
 
 
 def steer(options: argparse.Namespace) -> None:
@@ -420,18 +409,15 @@ def _check_replay(options: argparse.Namespace, products: bool) -> None:
     if options.flat and not (options.data or "").endswith(".parquet"):
         raise RecordingError("--flat is for tables of samples: give --data NAME.parquet, too")
     if not products and (options.first or options.last is not None or options.worlds is not None):
-        raise RecordingError(
-            "--from, --to and --worlds select what is written; give --out, --html, --data or --events, too"
-        )
+        files = "--out, --html, --data or --events"
+        raise RecordingError(f"--from, --to and --worlds select what is written; give {files}, too")
 
 
 def _recording(path: str, trust: bool) -> Recording:
     try:
         recording = Recording.open(path, trust=trust)
-    except RecordingError:
-        raise
-    except (OSError, ValueError) as error:
-        raise RecordingError(f"{path}: {getattr(error, 'strerror', error)}") from None
+    except OSError as error:
+        raise RecordingError(f"{path}: {error.strerror}") from None
     if recording.cut:
         LOGGER.warning("%s", recording.cut)
     return recording
@@ -451,16 +437,11 @@ def _verify(options: argparse.Namespace, replayed: Replay) -> int:
 def _film(options: argparse.Namespace, replayed: Replay) -> int:
     shown, ticks = _selected(options, replayed, math.prod(options.mosaic) if options.mosaic else REPLAYED)
     looks, name = Looks(**given_options(options, Looks)), replayed.recording.scenario.name
-
-    def made(progress: Count) -> None:
-        write_film_of(options.out, replayed.worlds, ticks, shown, looks, name, progress)
-
-    return _filmed(options, options.last - options.first, made)
+    write = partial(write_film_of, options.out, replayed.worlds, ticks, shown, looks, name)
+    return _filmed(options, options.last - options.first, write)
 
 
 def _page(options: argparse.Namespace, replayed: Replay) -> int:
-    from ..web.pages import replay_page
-
     beside = None if options.beside is None else _recording(options.beside, options.trust)
     chosen = {"worlds": options.worlds, "first": options.first, "last": options.to}
     how = {"verify": options.verify, "threads": options.threads, "quiet": options.quiet}
@@ -470,9 +451,6 @@ def _page(options: argparse.Namespace, replayed: Replay) -> int:
 
 
 def _data(options: argparse.Namespace, replayed: Replay) -> int:
-    from ..datasets.export import export_dataset
-    from ..datasets.samples import Selection
-
     worlds, _ = _selected(options, replayed, replayed.worlds.count)
     with Progress(options.last + 1, "ticks", quiet=options.quiet) as progress:
         selection = Selection(worlds, options.first, options.last, options.verify, lambda tick: progress.add())
@@ -482,11 +460,11 @@ def _data(options: argparse.Namespace, replayed: Replay) -> int:
 
 
 def _events(options: argparse.Namespace, replayed: Replay) -> int:
-    worlds = replayed.worlds
+    worlds, recording = replayed.worlds, replayed.recording
     shown, ticks = _selected(options, replayed, worlds.count)
     chosen = np.isin(np.arange(worlds.count), shown)
     progress = Progress(options.last - options.first + 1, "ticks", quiet=options.quiet)
-    with event_file(options.events, worlds.layout, replayed.recording.first_world) as add, progress:
+    with event_file(options.events, worlds.layout, recording.first_world) as add, progress:
         for _ in progress.over(ticks):
             add(replayed.events(), chosen & (worlds.mode != SKIP))
     print(printable(options.events))
