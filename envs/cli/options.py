@@ -168,12 +168,6 @@ def save_scenario(options: argparse.Namespace) -> None:
             asked.save(options.save_scenario)
 
 
-def add_number(command: Any, option: str, default: Any, text: str, least: int = 1, **more: Any) -> None:
-    """Add an option for an integer. default: the number, or words for what it is without it."""
-    kind, number = positive if least else nonnegative, default if isinstance(default, int) else None
-    command.add_argument(option, type=kind, default=number, metavar="N", help=f"{text} (default: {default})", **more)
-
-
 def add_options(
     command: Parser, kind: Any, only: Collection[str] = (), before: str = "", **more: Mapping[str, Any]
 ) -> None:

@@ -46,7 +46,6 @@ from .options import (
     STDOUT,
     STOPPED,
     add_import,
-    add_number,
     add_options,
     add_quiet,
     add_scenario,
@@ -56,6 +55,7 @@ from .options import (
     nonnegative,
     output,
     path,
+    positive,
     printable,
     scenario,
 )
@@ -127,11 +127,14 @@ def _add_replay(command: Parser) -> None:
     text = "numbers of the worlds to write, such as 0,3 (default: for --out the first 16, or as many as --mosaic has "
     text += "room for; for --html the first; otherwise all)"
     part.add_argument("--worlds", type=_numbers, metavar="W,W", help=text)
-    add_number(part, "--from", 0, "first tick to write", least=0, dest="first")
-    add_number(part, "--to", "the last of the recording", "last tick to write", least=0, dest="last")
+    text = "first tick to write (default: 0)"
+    part.add_argument("--from", type=nonnegative, default=0, metavar="N", dest="first", help=text)
+    text = "last tick to write (default: the last of the recording)"
+    part.add_argument("--to", type=nonnegative, metavar="N", dest="last", help=text)
     text = "do not compare the ticks with the recorded digests"
     part.add_argument("--no-verify", action="store_false", dest="verify", help=text)
-    add_number(command.group(MACHINE), "--threads", 1, "threads that share the worlds, with the same results")
+    text = "threads that share the worlds, with the same results (default: 1)"
+    command.group(MACHINE).add_argument("--threads", type=positive, default=1, metavar="N", help=text)
     add_quiet(command)
 
 
