@@ -350,18 +350,17 @@ def _filmed(options: argparse.Namespace, total: int, made: Callable[[Count], obj
 
     The bar begins with the first frame: until then, something may be refused.
     """
-    begun, frames = contextlib.ExitStack(), 0
-    progress: Progress | None = None
+    bars, frames = list[Progress](), 0
 
     def show(count: int) -> None:
-        nonlocal frames, progress
+        nonlocal frames
         frames = count
-        if progress is None:
-            progress = begun.enter_context(Progress(total // options.every + 1, "frames", quiet=options.quiet))
-        progress.show(count, max(progress.total, count))  # the ends of episodes add some
+        if not bars:
+            bars.append(begun.enter_context(Progress(total // options.every + 1, "frames", quiet=options.quiet)))
+        bars[0].show(count, max(bars[0].total, count))  # the ends of episodes add some
 
     try:
-        with begun:
+        with contextlib.ExitStack() as begun:
             made(show)
     except KeyboardInterrupt:
         LOGGER.warning("stopped; %s was not written", options.out)

@@ -27,7 +27,7 @@ import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO, Self
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -95,10 +95,22 @@ def read_chunks(file: BinaryIO, path: str, size: int) -> Iterator[Chunk]:
 
     Raises RecordingError if the file is damaged, not a recording, or a chunk does not follow the previous one.
     """
-    _check_magic(file, path)
+    found, name = file.read(len(MAGIC)), MAGIC.rsplit(b" ", 1)[0]
+    if found != MAGIC and found.startswith(name) and found.endswith(b"\n"):
+        version = found[len(name) :].strip().decode(errors="replace")
+        raise RecordingError(f"{path} has version {version} of the format: this outlast reads version 1")
+    if found != MAGIC:
+        raise RecordingError(f"{path} is not a recording: it does not begin with {MAGIC.decode().strip()!r}")
     offset, ticks = len(MAGIC), 0
     while offset + HEADER_SIZE <= size:
-        chunk = _read_chunk(file, path, offset)
+        file.seek(offset)
+        header = file.read(HEADER_SIZE)
+        if len(header) < HEADER_SIZE or _checksum(header[: FIELDS.size]) != header[FIELDS.size :]:
+            raise damaged(path, offset)
+        chunk = Chunk(offset, *FIELDS.unpack(header[: FIELDS.size]))
+        if chunk.stored > LARGEST_CHUNK:
+            most = f"at most {LARGEST_CHUNK:,} are possible"
+            raise RecordingError(f"{path}: the chunk at byte {offset} has {chunk.stored:,} bytes; {most}")
         if chunk.end > size:
             break
         read_stored(file, path, chunk)
@@ -152,30 +164,6 @@ def damaged(path: str, offset: int) -> RecordingError:
         f"{path} is damaged at byte {offset}: a checksum does not fit. Everything before that byte is complete: "
         "a copy that ends there can be replayed, if it has ticks"
     )
-
-
-def _check_magic(file: BinaryIO, path: str) -> None:
-    """Raise RecordingError if the file does not begin with MAGIC."""
-    found = file.read(len(MAGIC))
-    name = MAGIC.rsplit(b" ", 1)[0]
-    if found != MAGIC and found.startswith(name) and found.endswith(b"\n"):
-        version = found[len(name) :].strip().decode(errors="replace")
-        raise RecordingError(f"{path} has version {version} of the format: this outlast reads version 1")
-    if found != MAGIC:
-        raise RecordingError(f"{path} is not a recording: it does not begin with {MAGIC.decode().strip()!r}")
-
-
-def _read_chunk(file: BinaryIO, path: str, offset: int) -> Chunk:
-    file.seek(offset)
-    header = file.read(HEADER_SIZE)
-    if len(header) < HEADER_SIZE or _checksum(header[: FIELDS.size]) != header[FIELDS.size :]:
-        raise damaged(path, offset)
-    chunk = Chunk(offset, *FIELDS.unpack(header[: FIELDS.size]))
-    if chunk.stored > LARGEST_CHUNK:
-        raise RecordingError(
-            f"{path}: the chunk at byte {offset} has {chunk.stored:,} bytes; at most {LARGEST_CHUNK:,} are possible"
-        )
-    return chunk
 
 
 def _checksum(content: bytes) -> bytes:
@@ -245,37 +233,22 @@ def policy_dtype(actions: Any, policy: Any) -> np.dtype[Any]:
     return np.dtype([("value", "<f4"), ("probabilities", "<f2", (values,)), ("attention", "<f2", (rows,))])
 
 
-@dataclass(frozen=True)
 class TickFormat:
-    """The common part of all tick records of a recording."""
+    """The common part of all tick records of a recording, as its header determines it.
 
-    worlds: int
-    agents: int
-    joint_actions: int  # number of joint actions of an agent
-    digest_size: int  # count of numbers in a digest
-    digest_period: int  # ticks until a digest is made of the same worlds again
-    policy: np.dtype[Any] | None  # see policy_dtype; None: not recorded
-    given: int  # count of words of given numbers, see ecs.memory.numbers.Given
+    code: the smallest unsigned type that holds all joint actions. digest_size: count of numbers in a digest.
+    digest_period: ticks until a digest is made of the same worlds again. policy: see policy_dtype; None: not recorded.
+    key_size: columns of TickRecord.keys. max_bytes: of a tick record, at most.
+    """
 
-    @classmethod
-    def of(cls, header: Any) -> Self:
-        """Return that of a recording with this header."""
+    def __init__(self, header: dict[str, Any]) -> None:
         actions, digests = header["actions"], header["digests"]
-        joint_actions = math.prod(size for _, _, size in actions)
-        policy = policy_dtype(actions, header["policy"]) if "policy" in header else None
-        sizes = len(digests["components"]), digests["repeat"]
-        return cls(header["worlds"], header["agents"], joint_actions, *sizes, policy, header["given"])
-
-    @property
-    def code(self) -> np.dtype[Any]:
-        """The smallest unsigned type that holds all joint actions."""
-        return np.min_scalar_type(self.joint_actions - 1)
-
-    @property
-    def max_bytes(self) -> int:
-        """Return the maximum bytes of a tick record."""
+        self.worlds, self.agents, self.key_size = header["worlds"], header["agents"], KEY_SIZE + header["given"]
+        self.code = np.min_scalar_type(math.prod(size for _, _, size in actions) - 1)
+        self.digest_size, self.digest_period = len(digests["components"]), digests["repeat"]
+        self.policy = policy_dtype(actions, header["policy"]) if "policy" in header else None
         each = self.code.itemsize + (self.policy.itemsize if self.policy else 0)
-        return self.worlds * (1 + self.agents * each + 8 * (KEY_SIZE + self.given)) + 2 * self.digest_size + 4
+        self.max_bytes = self.worlds * (1 + self.agents * each + 8 * self.key_size) + 2 * self.digest_size + 4
 
 
 @dataclass(frozen=True)
@@ -336,7 +309,7 @@ def decode_ticks(content: bytes, count: int, form: TickFormat, behind: bytes = b
     if ((modes < 0) | (modes > 2)).any():
         raise ValueError("modes")
     keyed = take("<u4", count).astype(np.int64)
-    keys = take("<u8", int(keyed.sum()), KEY_SIZE + form.given)
+    keys = take("<u8", int(keyed.sum()), form.key_size)
     if (keys[:, 0] >= form.worlds).any():
         raise ValueError("rows of worlds")
     digests, period = take("<u2", form.digest_size, count).T.copy(), form.digest_period
@@ -403,7 +376,7 @@ class RecordingWriter:
     """
 
     def __init__(self, path: Path, header: dict[str, Any]) -> None:
-        self._form, self._owner, self._since = TickFormat.of(header), os.getpid(), -math.inf
+        self._form, self._owner, self._since = TickFormat(header), os.getpid(), -math.inf
         target = Path(os.path.realpath(check_file(path, "recordings", RecordingError, new=True)))
         self._target: Path | None = target  # where the file goes; None: it exists
         self._place = temporary_path(target)

@@ -52,7 +52,7 @@ class Recording:
         self.num_worlds, self.num_agents, self.first_world = header["worlds"], header["agents"], header["first_world"]
         self._chunks = [chunk for chunk in chunks if chunk.tag == RECORDS]
         self._length = sum(chunk.ticks for chunk in self._chunks)
-        self._format = TickFormat.of(header)
+        self._format = TickFormat(header)
         self.entities = [(str(key), int(rows)) for key, rows in header.get("policy", {"entities": []})["entities"]]
         self.cut = ""
         if chunks[-1].tag != DONE:

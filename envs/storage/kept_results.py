@@ -80,16 +80,11 @@ def _downloaded(address: str, file: str, sha256: str, what: str) -> Path:
         found = pooch.retrieve(address, f"sha256:{sha256}", target.name, target.parent, downloader=loader)
     except OSError as error:
         cure = f"connect to the network, or set {ADDRESS} to another address or a folder"
-        raise UsageError(f"{what} cannot be downloaded from {address}: {_reason(error)}; {cure}") from error
+        reason = error.strerror or type(error).__name__  # not the objects in the error of a connection
+        if (response := getattr(error, "response", None)) is not None:
+            reason = f"{response.status_code} {response.reason}"
+        raise UsageError(f"{what} cannot be downloaded from {address}: {reason}; {cure}") from error
     except ValueError as error:  # of pooch, about the checksum
         cure = f"nothing was kept; set {ADDRESS} to the results of this version of outlast"
         raise UsageError(f"{what}: the file at {address} is another one, by its checksum; {cure}") from error
     return Path(found)
-
-
-def _reason(error: OSError) -> str:
-    """Return the first line of an error of a connection, without the objects in it."""
-    response = getattr(error, "response", None)
-    if response is not None:
-        return f"{response.status_code} {response.reason}"
-    return type(error).__name__ if not error.strerror else error.strerror
