@@ -23,8 +23,8 @@ from .errors import ScenarioError
 from .scenarios.derivation import in_full
 from .scenarios.parse import resolve
 from .scenarios.scenario import Scenario
-from .storage import strict_json
-from .storage.limited_read import read_text
+from .storage import inputs
+from .storage.inputs import read_text
 from .storage.outputs import atomic_write
 
 VERSION = 1
@@ -133,18 +133,18 @@ def load(path: str | os.PathLike[str], scenario: Scenario | str) -> list[Level]:
     """
     scenario = resolve(scenario)
     try:
-        content = strict_json.parse(read_text(path))
-        strict_json.check_version(content, VERSION)
-        strict_json.check_keys(content, KEYS)
+        content = inputs.parse_json(read_text(path))
+        inputs.check_version(content, VERSION)
+        inputs.check_keys(content, KEYS)
         varied = content["varied"]
         if not isinstance(content["levels"], list):
             raise ScenarioError("its levels are not a list")
         if not isinstance(varied, dict) or not all(isinstance(text, str) for text in varied.values()):
             raise ScenarioError("what varied is not given as texts by name")
         for each in content["levels"]:
-            strict_json.check_keys(each, LEVEL_KEYS)
+            inputs.check_keys(each, LEVEL_KEYS)
         found = decoded(content["levels"])
-    except strict_json.BROKEN as error:
+    except inputs.BROKEN_JSON as error:
         raise ScenarioError(f"{path} is not a file of levels: {error}") from None
     try:
         _check_playable(found, scenario)

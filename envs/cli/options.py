@@ -22,7 +22,7 @@ from ..scenarios.floor_plan import LAYOUT, named_layout
 from ..scenarios.imports import module_of
 from ..scenarios.parse import distribution, mechanic, resolve, typed, with_roles
 from ..scenarios.scenario import Scenario
-from ..storage.limited_read import read_text
+from ..storage.inputs import read_text
 from ..storage.outputs import check_file, written_to
 from .grammar import Parser
 

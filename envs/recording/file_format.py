@@ -37,7 +37,7 @@ from ..core.spaces import published
 from ..core.validation import Array
 from ..errors import RecordingError
 from ..scenarios.fingerprint import is_fingerprint, is_word
-from ..storage import strict_json
+from ..storage import inputs
 from ..storage.interrupts import interrupts_held
 from ..storage.outputs import add, check_file, remove, temporary_path
 
@@ -176,7 +176,7 @@ def read_header(file: BinaryIO, path: str, chunk: Chunk) -> dict[str, Any]:
     try:
         header = json.loads(content)
         valid = _is_header(header)
-    except strict_json.BROKEN:
+    except inputs.BROKEN_JSON:
         valid = False
     if not valid:
         raise RecordingError(f"{path} is not a recording: its header does not describe a recording")

@@ -22,8 +22,8 @@ from outlast.systems.geometry.places import ENTRY, ITEMS, WALL, kind_use
 from outlast.systems.geometry.plans import are_free, connected, corners
 
 from ..errors import ScenarioError
-from ..storage import strict_json
-from ..storage.limited_read import read_text
+from ..storage import inputs
+from ..storage.inputs import read_text
 from ..storage.outputs import atomic_write
 
 Rectangle = tuple[float, float, float, float, float]
@@ -200,7 +200,7 @@ class FloorPlan:
             text = read_text(path, LARGEST)
             return _from_json(text) if text.lstrip().startswith("{") else cls.from_text(text)
         # UnicodeDecodeError and JSONDecodeError are ValueErrors
-        except (ScenarioError, *strict_json.BROKEN) as error:
+        except (ScenarioError, *inputs.BROKEN_JSON) as error:
             raise ScenarioError(f"{name} is not a floor plan: {error}") from None
 
     def save(self, path: str | os.PathLike[str]) -> None:
@@ -276,11 +276,11 @@ def named_layout(name: str) -> tuple[Module, ...]:
 
 
 def _from_json(text: str) -> FloorPlan:
-    given = strict_json.parse(text)
+    given = inputs.parse_json(text)
     if given.get("format") != FORMAT:
         raise ScenarioError(f'it lacks "format": "{FORMAT}"')
-    strict_json.check_version(given, VERSION)
-    strict_json.check_keys(given, KEYS)
+    inputs.check_version(given, VERSION)
+    inputs.check_keys(given, KEYS)
     return FloorPlan(given["walls"], given["starts"], given["width"], given["height"])
 
 

@@ -15,8 +15,8 @@ from outlast.ecs import Distribution, Module, NumberError
 from outlast.ecs.kernels.errors import did_you_mean
 
 from ..errors import KeywordError, ScenarioError
-from ..storage import strict_json
-from ..storage.limited_read import read_text
+from ..storage import inputs
+from ..storage.inputs import read_text
 from .imports import installed, mechanic_in, scenario_in, scenario_of_package
 from .mechanics import imported
 from .scenario import Scenario
@@ -172,11 +172,11 @@ def with_roles(scenario: Scenario, path: str | os.PathLike[str]) -> Scenario:
     """
     name = os.fspath(path)
     try:
-        given = strict_json.parse(read_text(path))
+        given = inputs.parse_json(read_text(path))
         found = roles_of(given)
     except OSError as error:
         raise ScenarioError(f"{name} cannot be read: {error.strerror}") from error
-    except strict_json.BROKEN as error:
+    except inputs.BROKEN_JSON as error:
         reason = f"{error}; " if isinstance(error, ValueError) else ""
         raise ScenarioError(f"{name} does not hold roles: {reason}as in {ROLES}") from error
     try:

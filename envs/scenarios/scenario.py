@@ -18,8 +18,8 @@ from outlast.systems import ObserveRoles
 from outlast.systems.role_limits import limits
 
 from ..errors import ScenarioError
-from ..storage import strict_json
-from ..storage.limited_read import read_text
+from ..storage import inputs
+from ..storage.inputs import read_text
 from ..storage.outputs import atomic_write
 from .derivation import all_replaced, as_filename, by_full_name, defaults, following, in_full, leaders, numbers, titles
 from .scenario_json import added, arguments, as_form
@@ -347,10 +347,10 @@ class Scenario:
             NumberError: A number is out of its range.
         """
         try:
-            return cls._from_form(strict_json.parse(text))
+            return cls._from_form(inputs.parse_json(text))
         except (ScenarioError, NumberError):
             raise
-        except strict_json.BROKEN as error:
+        except inputs.BROKEN_JSON as error:
             raise ScenarioError(f"it does not hold a scenario: {type(error).__name__}: {error}") from None
 
     @classmethod

@@ -27,7 +27,7 @@ from outlast.ecs.kernels.errors import did_you_mean
 from outlast.ecs.memory.numbers import checked_roles, place
 
 from ..errors import ScenarioError
-from ..storage import strict_json
+from ..storage import inputs
 from .derivation import leaders
 from .mechanics import imported_code, rebuilt_mechanics
 
@@ -67,8 +67,8 @@ def arguments(form: Mapping[str, Any]) -> dict[str, Any]:
         ScenarioError, NumberError: The scenario is not possible.
         KeyError, TypeError, AttributeError: It is something else.
     """
-    strict_json.check_version(form, VERSION)
-    strict_json.check_keys(form, NEEDED, OPTIONAL)
+    inputs.check_version(form, VERSION)
+    inputs.check_keys(form, NEEDED, OPTIONAL)
     name, about, names, order = form["name"], form["about"], form["modules"], form["order"]
     texts = [name, about, *names, *(label for chain in order for label in chain)]
     if not all(isinstance(each, str) and each.isprintable() for each in texts):

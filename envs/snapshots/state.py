@@ -38,7 +38,7 @@ from outlast.ecs.memory.numbers import Given, Varied
 from ..errors import StateError
 from ..scenarios.fingerprint import difference, fingerprint, is_fingerprint
 from ..scenarios.scenario import Scenario
-from ..storage import safe_npz
+from ..storage import inputs
 from ..storage.outputs import atomic_write
 
 VERSION = 1
@@ -119,12 +119,13 @@ class State:
 def read(file: BinaryIO, name: str) -> State:
     """Read the state in a file; errors contain `name`. Raises StateError."""
     try:
-        arrays = {key.removesuffix(".npy"): safe_npz.array(content) for key, content in safe_npz.entries(file).items()}
+        entries = inputs.zip_entries(file)
+        arrays = {key.removesuffix(".npy"): inputs.npy_array(content) for key, content in entries.items()}
         header = json.loads(arrays.pop(HEADER).tobytes())
         version, scenario, checksum = (header[key] for key in ("version", "scenario", "checksum"))
     except KeyError as error:
         raise StateError(f"{name} is not a saved state: it has no {error}") from None
-    except safe_npz.BROKEN as error:
+    except inputs.BROKEN_ZIP as error:
         raise StateError(f"{name} is not a saved state: {str(error) or type(error).__name__}") from None
     if version != VERSION:
         raise StateError(f"{name} has version {version!r:.20} of the format: this outlast reads version {VERSION}")

@@ -30,7 +30,7 @@ from ..rollout.lineup import Lineup, Others, entries_of
 from ..rollout.outcome import Standings, own_wins
 from ..rollout.summary import RESULTS
 from ..scenarios.scenario import Scenario
-from ..storage import strict_json
+from ..storage import inputs
 from .assets import SHARED, STYLE, assemble
 from .gate import Site, listening
 from .server import answering
@@ -219,7 +219,7 @@ def parse(text: Any, ranges: Mapping[str, tuple[int, int]]) -> dict[str, Any]:
         raise MessageError("messages are text, not bytes")
     try:
         content = json.loads(text)
-    except strict_json.BROKEN:
+    except inputs.BROKEN_JSON:
         raise MessageError("messages are JSON") from None
     if not isinstance(content, dict):
         raise MessageError("messages are JSON objects")

@@ -14,7 +14,7 @@ from outlast.ecs import Action, Clock, Component, MemoryLayout, Observation, Sig
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import StateError
 from outlast.envs.snapshots.state import State
-from outlast.envs.storage import safe_npz
+from outlast.envs.storage import inputs
 from tests.conftest import digest, draw_actions, scaled
 from tests.fuzz.mutations import BOMB, bomb, memory_limit, npy, with_entry_headers, zipped
 
@@ -159,6 +159,6 @@ BOMBED = zipped({"a.npy": bomb()[0]})
     ],
 )
 def test_archives_that_are_not_plain_are_refused(content: bytes, reason: str) -> None:
-    with memory_limit(2 * len(content) + 2**18), pytest.raises(safe_npz.BROKEN, match=reason):
-        safe_npz.entries(io.BytesIO(content), ("a.npy",))
-    assert safe_npz.entries(io.BytesIO(zipped(FILES))) == FILES
+    with memory_limit(2 * len(content) + 2**18), pytest.raises(inputs.BROKEN_ZIP, match=reason):
+        inputs.zip_entries(io.BytesIO(content), ("a.npy",))
+    assert inputs.zip_entries(io.BytesIO(zipped(FILES))) == FILES

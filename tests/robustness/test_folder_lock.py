@@ -12,9 +12,8 @@ from typing import Any
 import pytest
 
 from outlast.ecs.kernels import file_lock
-from outlast.envs.storage import folder_lock
-from outlast.envs.storage.folder_lock import OLD, OWNER, FolderLock, is_lock
-from outlast.envs.storage.outputs import temporary_path
+from outlast.envs.storage import outputs
+from outlast.envs.storage.outputs import OLD, OWNER, FolderLock, is_lock, temporary_path
 
 fcntl = pytest.importorskip("fcntl", reason="file systems are pretended by means of POSIX")
 real: Callable[[int, int], None] = fcntl.flock
@@ -90,7 +89,7 @@ def test_what_others_write_into_the_folder_is_theirs_until_it_is_old(tmp_path: P
     (film / "film.webm").write_text("half")
     lock = FolderLock(tmp_path, writes=("steps_*",))
     for age, there in ((0.9 * OLD, True), (1.1 * OLD, False)):
-        written = folder_lock.time.time() - age
+        written = outputs.time.time() - age
         os.utime(film / "film.webm", times=(written, written))
         os.utime(film, times=(0, 0))
         lock.acquire()

@@ -17,7 +17,7 @@ from outlast.envs.errors import MessageError, RecordingError, ScenarioError
 from outlast.envs.recording.file_format import DONE, HEAD, MAGIC, encode_chunk
 from outlast.envs.scenarios.floor_plan import FloorPlan
 from outlast.envs.scenarios.parse import with_roles
-from outlast.envs.storage import limited_read
+from outlast.envs.storage import inputs
 from outlast.envs.web import game as messages
 from outlast.training.base import curves, policy_file
 from outlast.training.base.errors import TrainingError
@@ -131,20 +131,20 @@ def test_a_chunk_of_a_recording_has_a_limit(tmp_path: Path, monkeypatch: pytest.
 
 def test_text_is_read_as_python_reads_it(tmp_path: Path) -> None:
     (tmp_path / "a").write_bytes("ä\r\nb\rc\n".encode())
-    assert limited_read.read_text(tmp_path / "a") == (tmp_path / "a").read_text(encoding="utf-8") == "ä\nb\nc\n"
-    assert len(limited_read.read_bytes(tmp_path / "a", 8)) == 8
+    assert inputs.read_text(tmp_path / "a") == (tmp_path / "a").read_text(encoding="utf-8") == "ä\nb\nc\n"
+    assert len(inputs.read_bytes(tmp_path / "a", 8)) == 8
     with pytest.raises(ValueError, match="it has more than 7 bytes"):
-        limited_read.read_bytes(tmp_path / "a", 7)
+        inputs.read_bytes(tmp_path / "a", 7)
 
 
 def test_what_an_xz_file_holds_has_a_limit() -> None:
     content = lzma.compress(bytes(2**20))
-    assert limited_read.unpack(content, 2**20) == bytes(2**20)
+    assert inputs.unpack_xz(content, 2**20) == bytes(2**20)
     with pytest.raises(ValueError, match="it holds more than 1,048,575 bytes"):
-        limited_read.unpack(content, 2**20 - 1)
+        inputs.unpack_xz(content, 2**20 - 1)
     for broken in (b"text", lzma.compress(b"text")[:-2], lzma.compress(b"text")[:-5] + bytes(5)):
         with pytest.raises(ValueError, match="it is not an xz file: "):
-            limited_read.unpack(broken)
+            inputs.unpack_xz(broken)
 
 
 def test_a_plan_that_is_played_in_is_drawn(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -23,8 +23,8 @@ from outlast.distributions import choice
 from outlast.ecs import Entity, Field, Module, Offset, Read, Rows, Singleton, Write, column, number
 from outlast.envs.errors import StateError, UsageError
 from outlast.envs.rollout.saved import CHECKPOINT, common_scenario, newest
-from outlast.envs.storage.folder_lock import FolderLock, is_lock
 from outlast.envs.storage.interrupts import interrupts_held
+from outlast.envs.storage.outputs import FolderLock, is_lock
 from outlast.training.base.config import TrainingConfig
 from outlast.training.base.curves import last_step, read_log
 from outlast.training.base.errors import TrainingError

@@ -22,7 +22,7 @@ from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.envs.scenarios.known_numbers import Numbers
 from outlast.envs.scenarios.parse import checks_keywords, options_of, resolve
 from outlast.envs.scenarios.scenario import Scenario
-from outlast.envs.storage import strict_json
+from outlast.envs.storage import inputs
 from outlast.envs.text_table import text_table
 
 from ..base.config import EvaluationOptions
@@ -353,7 +353,7 @@ def check_folder(evaluation: Evaluation, folder: Path) -> None:
         there = {key: found[key] for key in now}
         who = ", ".join(policy["policy"] for policy in there["policies"])
         about = f"{there['scenario']['name']} with {who}"
-    except (*strict_json.BROKEN, LookupError):
+    except (*inputs.BROKEN_JSON, LookupError):
         raise TrainingError(f"{path} is not an evaluation, and would be replaced: {cure}") from None
     if there != now:
         raise TrainingError(f"{folder} holds another evaluation, of {about}: {cure}")

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from outlast.envs.storage import strict_json
+from outlast.envs.storage import inputs
 from outlast.envs.storage.outputs import atomic_write
 
 from .errors import EmptyRunError, TrainingError
@@ -207,7 +207,7 @@ def read_curves(path: Path) -> dict[str, Described]:
     content = read_bytes(path)
     try:
         return dict(_parse(content))
-    except (*strict_json.BROKEN, csv.Error) as error:
+    except (*inputs.BROKEN_JSON, csv.Error) as error:
         raise TrainingError(f"{path} does not hold the curves of runs: {error}") from None
 
 

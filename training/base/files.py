@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TypeVar
 
-from outlast.envs.storage import limited_read
+from outlast.envs.storage import inputs
 from outlast.envs.storage.outputs import atomic_write, check_file, check_folder, written_to
 
 from .errors import TrainingError
@@ -18,12 +18,12 @@ T = TypeVar("T")
 
 def read_text(path: Path) -> str:
     """Return the content of a text file. Raises TrainingError if it cannot be read."""
-    return _read(limited_read.read_text, path, LARGEST)
+    return _read(inputs.read_text, path, LARGEST)
 
 
 def read_bytes(path: Path, most: int = 0) -> bytes:
     """Return the content of a file of at most `most` bytes; 0: LARGEST. Raises TrainingError if it cannot be read."""
-    return _read(limited_read.read_bytes, path, most or LARGEST)
+    return _read(inputs.read_bytes, path, most or LARGEST)
 
 
 def _read(read: Callable[[Path, int], T], path: Path, most: int) -> T:
@@ -43,7 +43,7 @@ def packed(text: str) -> bytes:
 
 def unpacked(content: bytes) -> str:
     """Return the text that `packed` has compressed. Raises ValueError for other content."""
-    return limited_read.unpack(content, LARGEST_PACKED).decode()
+    return inputs.unpack_xz(content, LARGEST_PACKED).decode()
 
 
 def check_out(folder: str | os.PathLike[str]) -> Path:

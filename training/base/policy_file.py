@@ -17,7 +17,7 @@ from outlast.ecs.declarations.fields import SMALLEST
 from outlast.envs.core.options import ChoicesBySide
 from outlast.envs.errors import needed
 from outlast.envs.scenarios.fingerprint import is_fingerprint, is_word
-from outlast.envs.storage import safe_npz, strict_json
+from outlast.envs.storage import inputs
 
 from .errors import TrainingError
 from .files import read_bytes, write_files
@@ -39,10 +39,10 @@ def read_checkpoint(path: Path, entries: Collection[str], needed: Collection[str
     """Read the header of a checkpoint, which must have all `needed` keys, and these entries. Raises TrainingError."""
     try:
         with path.open("rb") as file:
-            files = safe_npz.entries(file, {RUN_JSON, *entries}, LARGEST_CHECKPOINT)
+            files = inputs.zip_entries(file, {RUN_JSON, *entries}, LARGEST_CHECKPOINT)
     except FileNotFoundError as error:
         raise TrainingError(f"checkpoint {path} does not exist") from error
-    except safe_npz.BROKEN as error:
+    except inputs.BROKEN_ZIP as error:
         cure = "outlast's training saves them; wrap a policy of another library in a function"
         raise TrainingError(f"{path} is not a checkpoint: {str(error) or type(error).__name__}; {cure}") from error
     return parse_header(path, files[RUN_JSON], needed), files
@@ -60,7 +60,7 @@ def parse_header(path: Path, content: bytes, needed: Collection[str]) -> Header:
     wrong = f"{path} does not describe a run"
     try:
         header = json.loads(content[: LONGEST + 1])
-    except strict_json.BROKEN as error:
+    except inputs.BROKEN_JSON as error:
         raise TrainingError(f"{wrong}: {error}") from error
     if not isinstance(header, dict):
         raise TrainingError(f"{wrong}: it holds {type(header).__name__}")

@@ -18,7 +18,7 @@ from outlast.ecs.kernels.errors import OutlastError
 from outlast.envs.errors import ActionError
 from outlast.envs.rollout.lineup import parse_lineup
 from outlast.envs.rollout.saved import checkpoints, is_saved, steps_of
-from outlast.envs.storage.folder_lock import FolderLock
+from outlast.envs.storage.outputs import FolderLock
 
 from ..arena.players import Contender
 from ..base import curves, policy_file

@@ -22,7 +22,7 @@ from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import RecordingError
 from outlast.envs.recording.digests import Digests
 from outlast.envs.recording.file_format import JointActions
-from outlast.envs.storage import safe_npz
+from outlast.envs.storage import inputs
 
 from ..arena.evaluation import Evaluation
 from ..arena.match import Act, AgentIndices, Match, Pairing
@@ -59,9 +59,9 @@ class Moves:
         """Read a file. Raises RecordingError."""
         try:
             with path.open("rb") as file:
-                found = safe_npz.entries(file, {f"{name}.npy" for name in FORM}, LARGEST)
-            arrays = {name: safe_npz.array(found[f"{name}.npy"]) for name in FORM}
-        except safe_npz.BROKEN as error:
+                found = inputs.zip_entries(file, {f"{name}.npy" for name in FORM}, LARGEST)
+            arrays = {name: inputs.npy_array(found[f"{name}.npy"]) for name in FORM}
+        except inputs.BROKEN_ZIP as error:
             raise RecordingError(f"{path} is not a file of games: {error}") from error
         for name, (axes, *types) in FORM.items():
             if arrays[name].ndim != axes or arrays[name].dtype.str not in types:

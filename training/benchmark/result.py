@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 from outlast.ecs.kernels.available import available_cores
 from outlast.envs.scenarios.fingerprint import is_word
-from outlast.envs.storage import strict_json
-from outlast.envs.storage.limited_read import read_bytes
+from outlast.envs.storage import inputs
+from outlast.envs.storage.inputs import read_bytes
 from outlast.systems import box2d
 
 from ..base.errors import TrainingError
@@ -86,7 +86,7 @@ def read_json(path: Path, form: Any) -> Content:
         wrong = fault(found, form)
     except OSError as error:
         raise TrainingError(f"{path} cannot be read: {error.strerror}") from error
-    except strict_json.BROKEN as error:
+    except inputs.BROKEN_JSON as error:
         wrong = f"{type(error).__name__}: {error}"
     if wrong:
         raise TrainingError(f"{path} is not a result of the benchmark: {wrong:.200}")

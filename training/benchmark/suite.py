@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from outlast.envs.scenarios.fingerprint import difference, fingerprint, is_fingerprint, is_word
-from outlast.envs.storage import strict_json
+from outlast.envs.storage import inputs
 from outlast.envs.storage.kept_results import RESULTS, kept_file
 
 from ..arena.evaluation import Evaluation
@@ -112,7 +112,7 @@ def _read(task: Task, place: Path, changed: int) -> Suite:
     try:
         own = {each["name"]: {key: each[key] for key in OWN} for each in rated["members"] if "plan" in each}
         wrong = fault(rated, SUITE) or fault([*own.values()], [{key: policy_file.VALIDATORS[key] for key in OWN}])
-    except strict_json.BROKEN as error:
+    except inputs.BROKEN_JSON as error:
         wrong = f"{type(error).__name__}: {error}"
     if not wrong and any(len(values) != len(own) for weights in policies for values in weights.values()):
         wrong = f"its weights are not those of {len(own)} anchors"

@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from outlast.envs.core.vector_env import SurvivalVectorEnv
-from outlast.envs.storage import strict_json
+from outlast.envs.storage import inputs
 from outlast.envs.storage.outputs import atomic_write
 
 from ..base import policy_file
@@ -130,8 +130,8 @@ def load_tree(files: dict[str, bytes], name: str) -> Any:
     wrong = f"{name} of the checkpoint does not fit the run"
     try:
         text, tensors = policy_file.parse_tensors(files[name])
-        tree = strict_json.parse(text)
-    except strict_json.BROKEN as error:
+        tree = inputs.parse_json(text)
+    except inputs.BROKEN_JSON as error:
         raise TrainingError(f"{wrong}: {error}") from error
     for place, values in tensors.items():
         *path, last = place.split("/")

@@ -13,7 +13,7 @@ from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.levels import Level, check_all, check_free, decoded, encoded
 from outlast.envs.rollout.policies import hashed
 from outlast.envs.scenarios.scenario import Scenario
-from outlast.envs.storage import strict_json
+from outlast.envs.storage import inputs
 
 from ..base.config import Choose
 from ..base.errors import TrainingError
@@ -102,7 +102,7 @@ class Curriculum:
         """Restore the result of `state`. Raises TrainingError for other content."""
         try:
             self.take(decoded(json.loads(given)))
-        except strict_json.BROKEN as error:
+        except inputs.BROKEN_JSON as error:
             raise TrainingError(f"levels in {REST} of the checkpoint are invalid: {error}") from None
 
 

@@ -23,9 +23,8 @@ from tensorboard.summary.writer.record_writer import RecordWriter
 from outlast.ecs.kernels.available import available_cores
 from outlast.envs.rollout.saved import CHECKPOINT, ENDINGS, checkpoints, is_saved, models
 from outlast.envs.scenarios.fingerprint import fingerprint
-from outlast.envs.storage.folder_lock import FolderLock, is_lock
 from outlast.envs.storage.interrupts import interrupts_held, one_interrupt, save_requests
-from outlast.envs.storage.outputs import atomic_write, target_name
+from outlast.envs.storage.outputs import FolderLock, atomic_write, is_lock, target_name
 
 from ..base import curves, policy_file
 from ..base.config import TrainingConfig, parse_warm_start
