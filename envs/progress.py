@@ -77,19 +77,14 @@ class Progress:
     ) -> None:
         """Show that the work begins.
 
-        Args:
-            total: How much there is to do; 0: that is not known.
-            unit: What is counted, in the plural.
-            done: How much was done before.
-            quiet: Whether nothing at all is shown.
-            file: Where it is written; None: standard error, if there is one.
-            about: A line to begin with.
+        total: how much there is to do; 0: that is not known. unit: what is counted, in the plural. done: how much was
+        done before. file: where it is written; None: standard error, if there is one. about: a line to begin with.
         """
         self.file: Any = Messages(sys.stderr if file is None else file)
         self.done, self.total, self.unit = done, total, unit
         shown = not quiet and self.file.stream is not None
         if about and shown:
-            self._write(about)
+            print(about, file=self.file, flush=True)
         self.plain = shown and not self.file.isatty()
         self.bar = _Bar(self.file, done, total, unit, self.below) if shown and not self.plain else None
         self._begun, self._start = done, time.monotonic()
@@ -151,11 +146,7 @@ class Progress:
         if self.total and count > 0 and seconds > 0:
             left, rate = max(0, self.total - self.done) * seconds / count, count / seconds
             parts.append(f"{f'{large(rate)}/s, ' if rate >= 1 else ''}{duration(left)} left")
-        self._write("; ".join([*parts, *([note] if note else []), *self.beside()]))
-
-    def _write(self, line: str) -> None:
-        self.file.write(f"{line}\n")
-        self.file.flush()
+        print("; ".join([*parts, *([note] if note else []), *self.beside()]), file=self.file, flush=True)
 
 
 def large(value: float) -> str:

@@ -20,8 +20,7 @@ def terminal_width() -> int | None:
 
     The variable COLUMNS sets it, for pipes and files, too.
     """
-    given = os.environ.get("COLUMNS", "")
-    if given.isdecimal() and int(given):
+    if (given := os.environ.get("COLUMNS", "")).strip("0").isdecimal():
         return int(given)
     return shutil.get_terminal_size().columns if sys.stdout is not None and sys.stdout.isatty() else None
 
@@ -51,11 +50,11 @@ def _divided(lines: Sequence[Row], widths: Sequence[int], words: int, width: int
         if parts[-1] and _length([*widths[:words], *(widths[j] for j in (*parts[-1], k))]) > width:
             parts.append([])
         parts[-1].append(k)
-    chosen = [[*range(words), *part] for part in parts]
-    return "\n\n".join(
-        "\n".join(_aligned([line[k] for k in columns], [widths[k] for k in columns], words) for line in lines)
-        for columns in chosen
-    )
+    tables = []
+    for columns in ([*range(words), *part] for part in parts):
+        shown = [widths[k] for k in columns]
+        tables.append("\n".join(_aligned([line[k] for k in columns], shown, words) for line in lines))
+    return "\n\n".join(tables)
 
 
 def _wrapped(lines: Sequence[Row], widths: Sequence[int], width: int) -> Iterator[str]:

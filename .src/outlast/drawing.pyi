@@ -17,10 +17,10 @@ from .envs.rendering.canvas import Layer as Layer
 from .envs.rendering.canvas import Strip as Strip
 from .envs.rendering.canvas import ZOrder as ZOrder
 from .envs.rendering.films import write_film as write_film
-from .envs.rendering.footage import footage as footage
 from .envs.rendering.layers import FILM_LAYERS as FILM_LAYERS
 from .envs.rendering.layers import LAYERS as LAYERS
 from .envs.rendering.layers import select as select
+from .envs.rendering.rgb import footage as footage
 from .envs.rendering.rgb import text as text
 from .envs.rendering.scene import Scene as Scene
 from .envs.rendering.sight import CamerasLayer as CamerasLayer

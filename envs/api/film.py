@@ -18,9 +18,8 @@ from ..recording import Recording, Replay
 from ..recording.replay import last_tick, rows_of
 from ..rendering.canvas import Layer
 from ..rendering.films import check_film, ending, write_film
-from ..rendering.footage import check_pictures, footage
 from ..rendering.layers import FILM_LAYERS, select
-from ..rendering.rgb import FPS, checked_layers
+from ..rendering.rgb import FPS, check_pictures, checked_layers, footage
 from ..rendering.scene import Scene
 from ..rollout.lineup import Other, Others, entries_of
 from ..rollout.local import ticks

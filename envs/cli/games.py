@@ -19,7 +19,7 @@ from ..api.make import make_vec
 from ..core.options import GAME, OUTPUT, PLAY
 from ..errors import ScenarioError, UsageError
 from ..rendering.canvas import png
-from ..rendering.footage import check_pictures, footage, near_square
+from ..rendering.rgb import check_pictures, footage, near_square
 from ..scenarios.floor_plan import GENERATORS, LAYOUT, FloorPlan, in_words
 from ..scenarios.imports import installed, package, scenario_of_package
 from ..scenarios.number_table import NumberRow, scenario_rows

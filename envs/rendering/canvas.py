@@ -174,7 +174,6 @@ def _disc(pixels: float) -> Image:
     return np.rint(_rim(count) * (pixels * UNIT)).astype(np.int32)
 
 
-@functools.lru_cache(maxsize=1024)
 def _rim(count: int) -> Image:
     """Return the corners of a regular polygon on the unit circle, float64 (count, 2)."""
     angles = np.arange(count) * (2 * math.pi / count)

@@ -31,14 +31,12 @@ from .canvas import Image, png
 from .rgb import FPS
 
 NUMBERED = re.compile(r"frame_\d{6,}\.png")
-FASTEST_GIF = 50  # frames per second; browsers slow down faster ones
 LARGEST, LARGEST_VP8 = 2**14, 2**14 - 2  # pixels: the longest sides that H.264 and VP8 allow
 LOG_ERRORS = 2  # OpenCV's log level
-QUALITY = "18"  # libx264's constant rate factor: visually lossless
 TO_VIDEO = ("-vf", "scale=out_color_matrix=bt709:out_range=tv", "-pix_fmt", "yuv420p")
 # otherwise players guess the colours
 TAGS = ("-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "bt709")
-H264 = ("-c:v", "libx264", "-crf", QUALITY, *TO_VIDEO, *TAGS, "-movflags", "+faststart")
+H264 = ("-c:v", "libx264", "-crf", "18", *TO_VIDEO, *TAGS, "-movflags", "+faststart")  # visually lossless
 VP9 = ("-c:v", "libvpx-vp9", "-b:v", "0", "-crf", "40", *TO_VIDEO, *TAGS)  # small: lines and discs stay clear
 LOSSLESS = ("-c:v", "libx264rgb", "-crf", "0", "-preset", "ultrafast")
 PALETTE = "[0:v]palettegen[colors];[1:v][colors]paletteuse=dither=none:diff_mode=rectangle"
@@ -393,7 +391,7 @@ CODECS = {
     "": Codec(_write_folder, _read_folder),
     ".mp4": Codec(_write_mp4, read_video, even=True, extra=True),
     ".webm": Codec(_write_webm, read_video, even=True, largest=LARGEST_VP8),
-    ".gif": Codec(_write_gif, read_video, extra=True, fastest=FASTEST_GIF),
+    ".gif": Codec(_write_gif, read_video, extra=True, fastest=50),  # browsers slow down faster ones
     ".apng": Codec(_write_apng, read_video),
 }
 """By the suffix of the path; without one it is a folder of pictures."""

@@ -60,9 +60,7 @@ FILM_LAYERS_BY_NAME: dict[str, Layer] = {
 
 FILM_OPTIONAL = (*OPTIONAL, "steps")
 
-FILM_LAYERS: tuple[Layer, ...] = tuple(
-    layer for name, layer in FILM_LAYERS_BY_NAME.items() if name not in FILM_OPTIONAL
-)
+FILM_LAYERS: tuple[Layer, ...] = tuple(each for key, each in FILM_LAYERS_BY_NAME.items() if key not in FILM_OPTIONAL)
 """What films show by default."""
 
 

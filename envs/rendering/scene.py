@@ -9,7 +9,7 @@ from outlast.components import Body, Box, BoxItem, Filter, Floor, Guard, Heal, P
 from outlast.components.agent import side_names
 from outlast.components.look import NOTHING, HasLooks, Look
 from outlast.ecs import Clock, Component, Entity, Event, MemoryLayout, Module, Worlds
-from outlast.ecs.memory.numbers import Number, Varied
+from outlast.ecs.memory.numbers import Varied
 
 from .style import KINDS, SIZES, Color
 
@@ -130,21 +130,29 @@ class Scene:
 
         KeyError if this scenario lacks it.
         """
-        layout = self.worlds.layout
         for k, module in enumerate(self.worlds.modules):
             if isinstance(module, kind):
-                drawn = {each.field: self._drawn(each) for each in layout.varied.values() if each.module == k}
-                if agent is not None and self[Clock].episode[0]:  # before a reset, agents have no roles
-                    i, own = self.rows(Side).index(agent), [n for n in layout.per_agent.values() if n.module == k]
-                    drawn |= {number.field: self.worlds.agent_values(number)[self.w, i].item() for number in own}
-                return module.replace(**_in_range(module, drawn)) if drawn else module
+                numbers = self._numbers(k, agent)
+                return module.replace(**numbers) if numbers else module
         raise KeyError(f"this scenario has no mechanic {kind.__name__}")
 
-    def _drawn(self, number: Number) -> Any:
-        """Return the value that a varied number has in this world."""
-        words = self.worlds[Varied].words[self.w, :, None].copy()
-        value = number.decode(words, self.worlds.modules[number.module])[0]
-        return tuple(value.tolist()) if value.ndim else value.item()
+    def _numbers(self, k: int, agent: int | None) -> dict[str, Any]:
+        """Return the numbers of the k-th mechanic that this world, or an agent in a row of it, has for itself."""
+        layout, module, found = self.worlds.layout, self.worlds.modules[k], dict[str, Any]()
+        for number in layout.varied.values():
+            if number.module == k:
+                words = self.worlds[Varied].words[self.w, :, None].copy()
+                value = number.decode(words, module)[0].tolist()
+                found[number.field] = tuple(value) if isinstance(value, list) else value
+        if agent is not None and self[Clock].episode[0]:  # before a reset, agents have no roles
+            i, own = self.rows(Side).index(agent), [n for n in layout.per_agent.values() if n.module == k]
+            found |= {number.field: self.worlds.agent_values(number)[self.w, i].item() for number in own}
+        for item in dataclasses.fields(module):
+            # rounding to float32 may have moved it out of its range
+            if isinstance(value := found.get(item.name), float):
+                low, high = item.metadata.get("low", -math.inf), item.metadata.get("high", math.inf)
+                found[item.name] = min(max(value, low), high)
+        return found
 
     def _reach(self) -> tuple[float, float]:
         if Floor in self.worlds:
@@ -152,7 +160,7 @@ class Scene:
             return sides[0] / 2, sides[-1] / 2
         x, y, bound = self.body.x, self.body.y, self.shape.bound
         ends = [max(abs(x[e]), abs(y[e])) + bound[e] for e in self.living(Body, Shape)]
-        reach: float = max([1.0, *(end for end in ends if math.isfinite(end))])
+        reach: float = max([1.0, *filter(math.isfinite, ends)])
         return reach, reach
 
 
@@ -164,16 +172,6 @@ def _sides(corners: list[tuple[float, float]]) -> list[tuple[float, float, float
         length = math.hypot(x, y) or 1.0
         found.append((y / length, -x / length, (a * y - b * x) / length))
     return found
-
-
-def _in_range(module: Module, numbers: dict[str, Any]) -> dict[str, Any]:
-    """Return numbers of a world, clipped to their ranges, as rounding to float32 may have moved them out."""
-    clipped = dict(numbers)
-    for item in dataclasses.fields(module):
-        if isinstance(value := numbers.get(item.name), float):
-            low, high = item.metadata.get("low", -math.inf), item.metadata.get("high", math.inf)
-            clipped[item.name] = min(max(value, low), high)
-    return clipped
 
 
 @functools.lru_cache(maxsize=256)

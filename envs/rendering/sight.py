@@ -33,28 +33,24 @@ TINY = 1e-12  # metres: replaces a divisor of zero
 
 
 def visible_corners(
-    x: float,
-    y: float,
-    angle: float,
-    fov: float,
-    depth: float,
-    kite: bool,
-    discs: Sequence[Sequence[float]],
-    polygons: Sequence[Sequence[tuple[float, float]]] = (),
+    pose: Sequence[float], cameras: systems.Cameras, discs: Sequence[Sequence[float]], polygons: Sequence[list[Point]]
 ) -> Array:
     """Return the part of a vision cone that nothing hides: corners of a polygon, float64 (corners, 2), metres.
 
-    The first is the camera's place (x, y), from which every point of the polygon can be seen; then comes the far rim,
-    counter-clockwise. The camera looks into the direction `angle`, and the cone of `fov` radians, up to pi, reaches as
-    far as `depth`; of a kite, the far rim is the two chords of the arc's halves. What blocks sight, except for the
-    camera's own body: discs, (x, y, radius), of which those with NaNs hide nothing, and the corners of each rectangle
-    or convex polygon, counter-clockwise.
+    The first is the camera's place, from which every point of the polygon can be seen; then comes the far rim,
+    counter-clockwise: of a kite, the two chords of the arc's halves. pose: the camera's place, metres, and direction,
+    radians. cameras: opening angle, up to pi, reach and form. What blocks sight, except for the camera's own body:
+    discs, (x, y, radius), of which those with NaNs hide nothing, and the corners of each rectangle or convex polygon,
+    counter-clockwise.
     """
-    half, most = fov / 2, max(map(len, polygons), default=1)
-    round_ = _finite(np.array(discs, float).reshape(-1, 3))
+    (x, y, angle), half, depth = pose, cameras.fov / 2, cameras.depth
+    most = max(map(len, polygons), default=1)
+    round_ = np.array(discs, float).reshape(-1, 3)
+    round_ = round_[np.isfinite(round_).all(1)]
     # shorter ones end in equal corners, which bound nothing
     padded = [[*each, *[each[-1]] * (most - len(each))] for each in polygons]
-    edged = _finite(np.array(padded, float).reshape(-1, most, 2))
+    edged = np.array(padded, float).reshape(-1, most, 2)
+    edged = edged[np.isfinite(edged).all((1, 2))]
     middles = edged.mean(1)
     bounds = np.hypot(*(edged - middles[:, None]).transpose(2, 0, 1)).max(1)
     edged = edged[_near(middles, bounds, x, y, angle, half, depth)]
@@ -63,14 +59,11 @@ def visible_corners(
     edges = (_edges(round_, edged, x, y) - angle + math.pi) % (2 * math.pi) - math.pi
     bearings = np.unique(np.concatenate([fan, edges[np.abs(edges) < half]]))
     rays = np.stack([np.cos(bearings + angle), np.sin(bearings + angle)], 1)
-    rim = depth * math.cos(half / 2) / np.cos(np.abs(bearings) - half / 2) if kite else np.full(len(bearings), depth)
+    rim = np.full(len(bearings), depth)
+    if cameras.cone == "kite":
+        rim = depth * math.cos(half / 2) / np.cos(np.abs(bearings) - half / 2)
     reach = np.concatenate([rim[:, None], _disc_hits(rays, round_, x, y), polygon_hits(rays, edged, x, y)], 1).min(1)
     return np.concatenate([[(x, y)], (x, y) + reach[:, None] * rays])
-
-
-def _finite(bodies: Array) -> Array:
-    """Return those of the bodies, (bodies, ...), all of whose numbers are finite."""
-    return bodies[np.isfinite(bodies).all(tuple(range(1, bodies.ndim)))]
 
 
 def _near(middles: Array, bounds: Array, x: float, y: float, angle: float, half: float, depth: float) -> Array:
@@ -118,29 +111,45 @@ def polygon_hits(rays: Array, polygons: Array, x: float, y: float) -> Array:
 
 
 @dataclass(frozen=True)
-class CamerasLayer(Layer):
+class _AgentsLayer(Layer):
+    """Base of layers of living agents: of all, or of those with the numbers `agents`."""
+
+    zorder = ZOrder.SIGHT
+    agents: Collection[int] | None = None
+
+    def __post_init__(self) -> None:
+        numbers: Any = [] if self.agents is None else self.agents
+        if not isinstance(numbers, Collection) or not all(is_whole(i, 0) for i in numbers):
+            name = type(self).__name__
+            raise FilmError(f"{name}: agents = {self.agents!r}: numbers of agents are needed, as in [0, 2]")
+
+    def _chosen(self, scene: Scene) -> list[tuple[int, int]]:
+        """Return number and row of each agent to draw. Raises FilmError."""
+        last = len(scene.rows(Side)) - 1
+        if unknown := [i for i in self.agents or () if i > last]:
+            raise FilmError(f"{type(self).__name__}: no agent {unknown[0]}; they are 0 to {last}")
+        return [(i, e) for i, e in scene.agents() if self.agents is None or i in self.agents]
+
+
+@dataclass(frozen=True)
+class CamerasLayer(_AgentsLayer):
     """Vision cones of living agents: of all, or of those with the numbers `agents`.
 
     Raises:
         FilmError: `agents` are not numbers of agents; for agents that a game does not have, when it is drawn.
     """
 
-    zorder = ZOrder.SIGHT
     needs = (systems.Cameras, Sight, Side)
-    agents: Collection[int] | None = None
     cones: bool = True
     lines: bool = True
     opacity: float = SIZES.cone_opacity
     width: float = SIZES.sight_line
 
-    def __post_init__(self) -> None:
-        _check_agents(self, self.agents)
-
     def fits(self, scene: Scene) -> bool:  # cameras are not used if observations show everything
         return super().fits(scene) and scene.mechanic(systems.Cameras).mode != MODES[OMNISCIENT]
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
-        watching = _chosen(self, scene, self.agents)
+        watching = self._chosen(scene)
         if self.cones:
             tick = scene[Clock].tick[0]
             self._draw_cones(canvas, scene, [e for _, e in watching if tick >= blind_until(scene, e)])
@@ -161,44 +170,23 @@ class CamerasLayer(Layer):
                 own, pose = scene.mechanic(systems.Cameras, e), (body.x[e], body.y[e], body.angle[e])
                 discs = [(body.x[o], body.y[o], radius[o]) for o in rows if o != e and radius[o] > 0]
                 polygons = [corners for o, corners in outlines.items() if o != e]
-                corners = visible_corners(*pose, own.fov, own.depth, own.cone == "kite", discs, polygons)
-                canvas.area(corners, of_side(scene[Side].side[e]), self.opacity)
+                canvas.area(visible_corners(pose, own, discs, polygons), of_side(scene[Side].side[e]), self.opacity)
 
 
 @dataclass(frozen=True)
-class LidarLayer(Layer):
+class LidarLayer(_AgentsLayer):
     """The rays of living agents, up to what they hit: of all agents, or of those with the numbers `agents`."""
 
-    zorder = ZOrder.SIGHT
     needs = (systems.Lidar, LidarView, Side)
-    agents: Collection[int] | None = None
     width: float = SIZES.ray
-
-    def __post_init__(self) -> None:
-        _check_agents(self, self.agents)
 
     def draw(self, canvas: Canvas, scene: Scene) -> None:
         body = scene.body
-        for i, e in _chosen(self, scene, self.agents):
+        for i, e in self._chosen(scene):
             for (ahead, left), far in zip(directions(scene, e), distances(scene, i), strict=True):
                 x = body.x[e] + far * (body.cosine[e] * ahead - body.sine[e] * left)
                 y = body.y[e] + far * (body.sine[e] * ahead + body.cosine[e] * left)
                 canvas.segment(body.x[e], body.y[e], x, y, of_side(scene[Side].side[e]), self.width)
-
-
-def _check_agents(layer: Layer, agents: Any) -> None:
-    numbers = [] if agents is None else agents
-    if not isinstance(numbers, Collection) or not all(is_whole(i, 0) for i in numbers):
-        name = type(layer).__name__
-        raise FilmError(f"{name}: agents = {agents!r}: numbers of agents are needed, as in [0, 2]")
-
-
-def _chosen(layer: Layer, scene: Scene, agents: Collection[int] | None) -> list[tuple[int, int]]:
-    """Return number and row of each living agent, of all or of those with the numbers `agents`. Raises FilmError."""
-    last = len(scene.rows(Side)) - 1
-    if unknown := [i for i in agents or () if i > last]:
-        raise FilmError(f"{type(layer).__name__}: no agent {unknown[0]}; they are 0 to {last}")
-    return [(i, e) for i, e in scene.agents() if agents is None or i in agents]
 
 
 def blind_until(scene: Scene, e: int) -> int:

@@ -4,7 +4,6 @@ Colours are those of Okabe and Ito, which are distinct to colour-blind people, o
 share a colour. Source: M. Okabe, K. Ito, "Color Universal Design" (2008).
 """
 
-import functools
 from dataclasses import dataclass
 
 Color = tuple[int, int, int]
@@ -58,14 +57,12 @@ class Sizes:
 SIZES = Sizes()
 
 
-@functools.lru_cache(maxsize=1024)
 def mix(one: Color, other: Color, share: float) -> Color:
     """Mix two colours, from `one` (share 0) to `other` (share 1)."""
     red, green, blue = (round(a + share * (b - a)) for a, b in zip(one, other, strict=True))
     return red, green, blue
 
 
-@functools.cache
 def of_side(side: int) -> Color:
     """Return the colour of a side. After the fifth, colours repeat darker, then lighter, and so on; -1 (none): grey."""
     if side < 0:
@@ -74,13 +71,11 @@ def of_side(side: int) -> Color:
     return mix(SIDES[side % len(SIDES)], other, share)
 
 
-@functools.cache
 def of_box(owner: int) -> Color:
     """Return the colour of a box: its owner's, but lighter; darker grey without an owner (-1)."""
     return BOX if owner < 0 else mix(of_side(owner), WHITE, 0.35)
 
 
-@functools.cache
 def ink_on(color: Color) -> Color:
     """Return black or white, whichever is easier to read on this colour."""
     red, green, blue = color

@@ -1,6 +1,5 @@
 """Words of pictures and films: title, scoreboard, deaths, the end of an episode, step counter, and legend."""
 
-import functools
 import math
 import re
 from collections.abc import Iterable, Sequence
@@ -11,7 +10,7 @@ import numpy as np
 
 from outlast.components import Bag, Died, End, Episode, Health, Kills, Outcome, Score, Side, Sides
 from outlast.components.health import can_hurt
-from outlast.ecs import Clock, Entity, MemoryLayout
+from outlast.ecs import Clock, Entity
 from outlast.systems.ending import outliving_wins
 
 from .bodies import draw_item
@@ -238,16 +237,12 @@ class _Board(NamedTuple):
 
 
 def _board(scene: Scene, size: int) -> _Board:
-    return _planned(scene.worlds.layout, len(scene.rows(Side)), _has_teams(scene), size)
-
-
-@functools.lru_cache(maxsize=64)
-def _planned(layout: MemoryLayout, agents: int, teams: bool, size: int) -> _Board:
-    units, hurts, there = size / digit(size) - 1, can_hurt(layout), set(layout.components)
-    fights, lives = Kills in there and hurts, Health in there and hurts
+    layout, agents, teams = scene.worlds.layout, len(scene.rows(Side)), _has_teams(scene)
+    units, hurts = size / digit(size) - 1, can_hurt(layout)
+    fights, lives = Kills in scene and hurts, Health in scene and hurts
     wanted = [("disc", DISC, True), ("points", POINTS, lives), ("bar", BAR, lives)]
-    wanted += [("kills", KILLS, fights and not teams), ("return", RETURN, Episode in there and not fights)]
-    wanted += [("bag", min(ITEMS, layout.dims.get("slots", 0)) * ITEM, Bag in there)]
+    wanted += [("kills", KILLS, fights and not teams), ("return", RETURN, Episode in scene and not fights)]
+    wanted += [("bag", min(ITEMS, layout.dims.get("slots", 0)) * ITEM, Bag in scene)]
     parts, end = dict[str, float](), 0.0
     for name, width, needed in wanted:
         if needed and end + width <= units:

@@ -46,19 +46,6 @@ THEMES = {
 }
 
 
-def asset(folder: str, name: str) -> str:
-    """Return a file as text: the page's own in `folder` ("play" or "replay"), otherwise the one that pages share."""
-    own = files(__package__).joinpath(folder, name)
-    return (own if own.is_file() else files(__package__).joinpath(name)).read_text(encoding="utf-8")
-
-
-def constants(**others: Any) -> str:
-    """Return JavaScript that defines COLORS by theme, SIZES (see style.py), and the `others` by their names."""
-    colors = {name: {key: css(color) for key, color in (COMMON | theme).items()} for name, theme in THEMES.items()}
-    values = {"COLORS": colors, "SIZES": dataclasses.asdict(SIZES), **others}
-    return "".join(f"const {name} = {json.dumps(value)};\n" for name, value in values.items())
-
-
 def assemble(
     title: str,
     folder: str,
@@ -71,19 +58,16 @@ def assemble(
 ) -> str:
     """Return a page that needs no other file: the template in a folder with scripts and styles inlined.
 
-    The page's Content-Security-Policy lets only these scripts run.
-
-    Args:
-        title: Title of the page.
-        folder: The folder of its template and its own files: "play" or "replay".
-        scripts: Names of the scripts, each after those that it needs.
-        styles: Names of the style sheets; later ones override earlier ones.
-        data: base64, which the scripts find as the text of #data.
-        connect: Where the scripts may connect to, as a source of the Content-Security-Policy; by default, nowhere.
-        **others: Constants for the scripts, see `constants`.
+    The page's Content-Security-Policy lets only these scripts run, and connect only to `connect`. folder: that of its
+    template and its own files, "play" or "replay". scripts, styles: names; each script comes after those that it needs,
+    and later styles override earlier ones. data: base64, which the scripts find as the text of #data. others: constants
+    for the scripts, besides COLORS by theme and SIZES (see style.py).
     """
-    sheet = "\n".join(asset(folder, name) for name in styles)
-    script = "\n".join(['"use strict";', constants(**others), *(asset(folder, name) for name in scripts)])
+    colors = {name: {key: css(color) for key, color in (COMMON | theme).items()} for name, theme in THEMES.items()}
+    values = {"COLORS": colors, "SIZES": dataclasses.asdict(SIZES), **others}
+    constants = "".join(f"const {name} = {json.dumps(value)};\n" for name, value in values.items())
+    script = "\n".join(['"use strict";', constants, *(_asset(folder, name) for name in scripts)])
+    sheet = "\n".join(_asset(folder, name) for name in styles)
     script_hash, sheet_hash = (
         base64.b64encode(hashlib.sha256(source.encode()).digest()).decode() for source in (script, sheet)
     )
@@ -91,7 +75,13 @@ def assemble(
         f"default-src 'none'; script-src 'sha256-{script_hash}'; style-src 'sha256-{sheet_hash}'; img-src data:; "
         f"connect-src {connect}; base-uri 'none'; form-action 'none'"
     )
-    template = string.Template(asset(folder, "page.html"))
+    template = string.Template(_asset(folder, "page.html"))
     return template.substitute(
         title=html.escape(title), icon=ICON, policy=policy, style=sheet, script=script, data=data
     )
+
+
+def _asset(folder: str, name: str) -> str:
+    """Return a file as text: the page's own in `folder`, otherwise the one that pages share."""
+    own = files(__package__).joinpath(folder, name)
+    return (own if own.is_file() else files(__package__).joinpath(name)).read_text(encoding="utf-8")

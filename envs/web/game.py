@@ -39,8 +39,7 @@ Json = dict[str, Any]
 
 RECENT = 8  # the newest events, all of which are sent each time, as a page may miss ticks
 SLOW, SLOWLY = 1.5, 0.5  # an episode begins slowly: seconds, and share of the usual speed
-STEER = "steer"  # the command by which a page takes over
-COMMANDS = ("begin", "pause", "resume", "restart", STEER)
+COMMANDS = ("begin", "pause", "resume", "restart", "steer")  # with the last one, a page takes over
 SPEEDS = (0.25, 0.5, 1, 2, 4)
 MAX_PAGES = 8
 POLICY_VIOLATION, TRY_AGAIN_LATER = 1008, 1013  # RFC 6455, section 7.4.1, and the IANA registry
@@ -78,13 +77,16 @@ class Game:
         try:
             if Episode not in self.env.worlds:
                 raise PlayError(f"{scenario.name} has no 'record', by which episodes are judged here: add Record()")
-            self._choose(agent)
+            last = fewest_agents(self.env.worlds) - 1
+            if not 0 <= agent <= last:
+                where = " in every episode" if last < self.env.num_agents - 1 else ""
+                raise PlayError(f"agent {agent}: {scenario.name} has the agents 0 to {last}{where}; take one of them")
             if record is not None:
-                recording.record(self.env, record, played={"agent": self.agent, "others": name})
+                recording.record(self.env, record, played={"agent": agent, "others": name})
         except BaseException:
             self.env.close()
             raise
-        self.worlds, self._standings = self.env.worlds, Standings(self.env.worlds)
+        self.agent, self.worlds, self._standings = agent, self.env.worlds, Standings(self.env.worlds)
         self.ranges = {key: (int(c.low), int(c.high)) for key, _, _, c in published(self.worlds, Action)}
         self._others = Lineup(entries_of(others), self.env, agent)
         self.restart()
@@ -144,7 +146,11 @@ class Game:
         actions[0, self.agent] = self.action()
         self._tapped.clear()
         _, _, terminated, truncated, _ = self.env.step(actions)
-        self._note_events()
+        self._standings.watch()
+        for event in events(self.worlds, 0):
+            self._recent.append(event | {"tick": int(self.worlds[Clock].tick[0, 0])})
+            if event["kind"] in ("kill", "death") and event["agent"] == self.agent:
+                self.death = self._recent[-1]
         if terminated[0] or truncated[0]:
             self.phase = GamePhase.OVER
         return True
@@ -171,22 +177,6 @@ class Game:
         """Close the environment."""
         self.env.close()
 
-    def _choose(self, agent: int) -> None:
-        last, name = fewest_agents(self.env.worlds) - 1, self.env.scenario.name
-        if not 0 <= agent <= last:
-            where = " in every episode" if last < self.env.num_agents - 1 else ""
-            raise PlayError(f"agent {agent}: {name} has the agents 0 to {last}{where}; take one of them")
-        self.agent = agent
-
-    def _note_events(self) -> None:
-        """Keep how far sides have come, and the events of the tick."""
-        tick = int(self.worlds[Clock].tick[0, 0])
-        self._standings.watch()
-        for event in events(self.worlds, 0):
-            self._recent.append(event | {"tick": tick})
-            if event["kind"] in ("kill", "death") and event["agent"] == self.agent:
-                self.death = event | {"tick": tick}
-
     def _result(self) -> Json:
         """Return the result of the episode that has ended, as the person's side sees it.
 
@@ -210,10 +200,8 @@ class Game:
 def parse(text: Any, ranges: Mapping[str, tuple[int, int]]) -> dict[str, Any]:
     """Return the message in `text`: {"held": {name: value}, "tapped": {...}}, {"command": name} or {"speed": times}.
 
-    held: actions in every tick from now on. tapped: actions in the next tick only. Others are 0. command: one of
-    COMMANDS. speed: one of SPEEDS, how many times as fast as usual.
-
-    ranges: the lowest and highest value of each action by its name. Raises MessageError for everything else.
+    held: actions in every tick from now on. tapped: actions in the next tick only. Others are 0. speed: how many times
+    as fast as usual. ranges: the lowest and highest value of each action. Raises MessageError for everything else.
     """
     if not isinstance(text, str):
         raise MessageError("messages are text, not bytes")
@@ -224,23 +212,19 @@ def parse(text: Any, ranges: Mapping[str, tuple[int, int]]) -> dict[str, Any]:
     if not isinstance(content, dict):
         raise MessageError("messages are JSON objects")
     if content.keys() == {"held", "tapped"}:
-        for choices in content.values():
-            _check_choices(choices, ranges)
+        for given in content.values():
+            if not isinstance(given, dict) or given.keys() - ranges.keys():
+                raise MessageError(f"held and tapped name actions: {', '.join(ranges)}"[:123])
+            for name, value in given.items():
+                low, high = ranges[name]
+                if type(value) is not int or not low <= value <= high:
+                    raise MessageError(f"{name} is an integer from {low} to {high}"[:123])
         return content
     if content.keys() == {"command"} and content["command"] in COMMANDS:
         return content
     if content.keys() == {"speed"} and type(content["speed"]) in (int, float) and content["speed"] in SPEEDS:
         return content
     raise MessageError('held and tapped, a known command, or a known speed is needed, as in {"command": "pause"}')
-
-
-def _check_choices(given: Any, ranges: Mapping[str, tuple[int, int]]) -> None:
-    if not isinstance(given, dict) or given.keys() - ranges.keys():
-        raise MessageError(f"held and tapped name actions: {', '.join(ranges)}"[:123])
-    for name, value in given.items():
-        low, high = ranges[name]
-        if type(value) is not int or not low <= value <= high:
-            raise MessageError(f"{name} is an integer from {low} to {high}"[:123])
 
 
 class Session:
@@ -279,7 +263,10 @@ class Session:
                 await self._receive(page)
                 sender.cancel()
         finally:
-            self._leave(page)
+            if page is self.pages[0]:
+                self._release()
+            self.pages.remove(page)
+            self._notify()
 
     async def _receive(self, page: ServerConnection) -> None:
         """Receive messages until the page leaves or sends an invalid one."""
@@ -290,10 +277,20 @@ class Session:
                 except MessageError as error:
                     await page.close(POLICY_VIOLATION, str(error))
                     return
-                if message == {"command": STEER}:
-                    self._lead(page)
-                elif page is self.pages[0]:
-                    self._apply(message)
+                leads = page is self.pages[0]
+                match message:
+                    case {"command": "steer"} if not leads:
+                        self._release()
+                        self.pages.sort(key=lambda each: each is not page)
+                    case {"held": held, "tapped": tapped} if leads:
+                        self.game.hold(held, tapped)
+                    case {"speed": times} if leads:
+                        self.speed = times
+                    case {"command": name} if leads and name != "steer":  # a method of Game, see COMMANDS
+                        getattr(self.game, name)()
+                    case _:
+                        continue
+                self._notify()
 
     async def _send(self, page: ServerConnection) -> None:
         """Send the latest state: a slow page misses ticks instead of falling behind."""
@@ -307,29 +304,6 @@ class Session:
                 role = {"steers": page is self.pages[0], "speed": self.speed}
                 await page.send(json.dumps(self.game.state() | role))
                 await update.wait()
-
-    def _apply(self, message: dict[str, Any]) -> None:
-        match message:
-            case {"held": held, "tapped": tapped}:
-                self.game.hold(held, tapped)
-            case {"speed": times}:
-                self.speed = times
-            case {"command": name}:  # a method of Game, see COMMANDS
-                getattr(self.game, name)()
-        self._notify()
-
-    def _lead(self, page: ServerConnection) -> None:
-        """Let a page steer in place of the one that does."""
-        if page is not self.pages[0]:
-            self._release()
-            self.pages.sort(key=lambda each: each is not page)
-            self._notify()
-
-    def _leave(self, page: ServerConnection) -> None:
-        if page is self.pages[0]:
-            self._release()
-        self.pages.remove(page)
-        self._notify()
 
     def _release(self) -> None:
         """Release the keys, and wait for the next player."""

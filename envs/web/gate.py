@@ -68,15 +68,9 @@ class Site:
 
     def __post_init__(self) -> None:
         for text in self.allowed:
-            checked_place(text)
-
-
-def checked_place(text: str) -> tuple[str, int]:
-    """Return name and port of NAME:PORT, as in localhost:9000. Raises PlayError."""
-    found = PLACE.fullmatch(text)
-    if not found or int(found[2]) > 65535:
-        raise PlayError(f"{text}: NAME:PORT is needed, as in localhost:9000")
-    return found[1].lower(), int(found[2])
+            found = PLACE.fullmatch(text)
+            if not found or int(found[2]) > 65535:
+                raise PlayError(f"{text}: NAME:PORT is needed, as in localhost:9000")
 
 
 class Gate:
@@ -89,9 +83,9 @@ class Gate:
         self._hosts: list[str] = []  # values of the Host header
         self._origins: list[str] = []
         for text in site.allowed:
-            name, outside = checked_place(text)
-            for scheme in ("https", "http") if outside == USUAL["https"] else ("http", "https"):
-                self._allow(scheme, name, outside)
+            name, _, outside = text.lower().rpartition(":")
+            for scheme in ("https", "http") if int(outside) == USUAL["https"] else ("http", "https"):
+                self._allow(scheme, name, int(outside))
         for name in own:
             self._allow("http", f"[{name}]" if ":" in name else name.lower(), port)
 

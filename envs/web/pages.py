@@ -78,15 +78,15 @@ class EpisodeTrack:
         self.rows.append(row.clip(INT32.min, INT32.max).astype(np.int32))
 
 
+Recorded = dict[int, list[EpisodeTrack]]  # episodes by the number of their world
+
+
 @dataclass
 class PageRoom:
     """A recording as a page shows it: its title, and its episodes by world."""
 
     title: str
-    recorded: dict[int, list[EpisodeTrack]]
-
-
-Recorded = dict[int, list[EpisodeTrack]]  # episodes by the number of their world
+    recorded: Recorded
 
 
 def write_page(
@@ -106,10 +106,10 @@ def write_page(
         PageError: A world or folder does not exist, ticks are missing, or the disk is full.
     """
     target = checked(path)
-    save(target, [PageRoom(title, record_ticks(worlds, ticks, chosen))], title)
+    _save(target, [PageRoom(title, record_ticks(worlds, ticks, chosen))], title)
 
 
-def save(target: Path, rooms: Sequence[PageRoom], title: str) -> None:
+def _save(target: Path, rooms: Sequence[PageRoom], title: str) -> None:
     """Write a page that shows recordings side by side. Raises PageError."""
     if not all(any(room.recorded.values()) for room in rooms):
         raise PageError("there is nothing to show: not one tick")
@@ -138,7 +138,10 @@ def record_ticks(
     after: called after each tick with what has been recorded so far.
     """
     rows = {int(w): list[EpisodeTrack]() for w in chosen}
-    _check(worlds, rows)
+    if (unknown := [w for w in rows if not 0 <= w < worlds.count]) or not rows:
+        raise PageError(f"worlds {unknown or 'to show: none'}; choose among 0 to {worlds.count - 1}")
+    if Side not in worlds:
+        raise PageError("there is nothing to show: this scenario has no agents")
     first = 0 if replay is None else replay.recording.first_world
     recorded = {first + w: episodes for w, episodes in rows.items()}
     clocks: dict[int, tuple[int, ...]] = {}
@@ -178,14 +181,6 @@ def _entities(worlds: Worlds, replay: Replay | None) -> Json:
         first = numbers[spans[0].start] if spans else -1
         found.append({"key": key, "rows": rows, "others": key == "others", "first": first})
     return {"entities": found}
-
-
-def _check(worlds: Worlds, chosen: Iterable[int]) -> None:
-    unknown = [w for w in chosen if not 0 <= w < worlds.count]
-    if unknown or not chosen:
-        raise PageError(f"worlds {unknown or 'to show: none'}; choose among 0 to {worlds.count - 1}")
-    if Side not in worlds:
-        raise PageError("there is nothing to show: this scenario has no agents")
 
 
 def checked(path: str | os.PathLike[str], *sources: Path) -> Path:
@@ -237,11 +232,8 @@ def replay_page(
     """
     if not isinstance(title, str | None):
         raise PageError(f"title = {title!r}: a text is needed")
-    opened = [
-        source if isinstance(source, Recording) else Recording.open(source)
-        for source in (recording, beside)
-        if source is not None
-    ]
+    sources = [recording] if beside is None else [recording, beside]
+    opened = [source if isinstance(source, Recording) else Recording.open(source) for source in sources]
     target = checked(out, *(Path(each.path) for each in opened))
     ends = [last_tick(each, first, last) for each in opened]
     shown = [0] if worlds is None else rows_of(opened[0], worlds)
@@ -253,7 +245,7 @@ def replay_page(
         with contextlib.closing(Replay(each, threads)) as replay, progress:
             ticks = progress.over(replay.ticks(verify, first=first, last=end, worlds=shown))
             rooms.append(PageRoom(title_of(each), record_ticks(replay.worlds, ticks, shown, replay)))
-    save(target, rooms, title or " beside ".join(room.title for room in rooms))
+    _save(target, rooms, title or " beside ".join(room.title for room in rooms))
     return target
 
 
@@ -304,9 +296,9 @@ def columns(description: Json, snapshot: Json, thoughts: Array | None = None) ->
         table |= {f"body.{name}": [int(each) for each in snapshot[f"{name}s"]] for name in ("ring", "line")}
     if thoughts is not None:
         table["agent.value"] = _bits(thoughts["value"])
-        table["agent.likely"], table["agent.attends"] = (
-            _percent(thoughts[name]) for name in ("probabilities", "attention")
-        )
+        for name, key in (("likely", "probabilities"), ("attends", "attention")):
+            known = np.nan_to_num(np.rint(WHOLE * thoughts[key].astype(np.float32)), nan=-1)
+            table[f"agent.{name}"] = known.clip(-1, WHOLE).astype(int).ravel().tolist()  # as files may hold any number
     return table
 
 
@@ -317,13 +309,10 @@ def pack(rooms: Sequence[PageRoom]) -> bytes:
     numbers in a row, bytes of a number (0: float32)]]}]}]}].
     """
     blobs: list[bytes] = []
-    header = [
-        {
-            "title": room.title,
-            "worlds": [{"world": w, "episodes": [_packed(e, blobs) for e in es]} for w, es in room.recorded.items()],
-        }
-        for room in rooms
-    ]
+    header = []
+    for room in rooms:
+        worlds = [{"world": w, "episodes": [_packed(e, blobs) for e in es]} for w, es in room.recorded.items()]
+        header.append({"title": room.title, "worlds": worlds})
     text = json.dumps(header, separators=(",", ":")).encode()
     return gzip.compress(len(text).to_bytes(4, "little") + text + b"".join(blobs), mtime=0)
 
@@ -345,9 +334,9 @@ def _packed(episode: EpisodeTrack, blobs: list[bytes]) -> Json:
 
 def _narrowest(values: Array) -> np.dtype[Any]:
     """Return the smallest type that holds all values. Differences of int32 may wrap around; their sums do so back."""
-    low, high = (int(values.min()), int(values.max())) if values.size else (0, 0)
-    fits = [bits for bits in (8, 16) if -(2 ** (bits - 1)) <= low and high < 2 ** (bits - 1)]
-    return np.dtype(f"<i{fits[0] // 8 if fits else 4}")
+    low, high = int(values.min(initial=0)), int(values.max(initial=0))
+    fits = [kind for kind in ("<i1", "<i2") if np.iinfo(kind).min <= low and high <= np.iinfo(kind).max]
+    return np.dtype([*fits, "<i4"][0])
 
 
 def _places(of: str, bodies: Sequence[Json]) -> dict[str, list[int]]:
@@ -360,16 +349,7 @@ def _bits(values: Any) -> list[int]:
     return np.asarray(values, np.float32).view(np.int32).tolist()
 
 
-def _percent(shares: Array) -> list[int]:
-    """Return shares in percent, -1 where they are unknown; clipped, as files may hold any number."""
-    known = np.nan_to_num(np.rint(WHOLE * shares.astype(np.float32)), nan=-1)
-    return known.clip(-1, WHOLE).astype(int).ravel().tolist()
-
-
 def _bitset(bodies: list[int] | None, count: int) -> list[int]:
     if bodies is None:
         return [-1] * count
-    bits = [0] * count
-    for body in bodies:
-        bits[body // WORD] |= 1 << body % WORD
-    return bits
+    return [sum(1 << body % WORD for body in bodies if body // WORD == k) for k in range(count)]

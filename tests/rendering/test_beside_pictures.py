@@ -15,8 +15,7 @@ from outlast.drawing import LAYERS, EndLayer, FeedStrip, Layer, OthersLayer, Sce
 from outlast.ecs import Clock, Entity, Worlds
 from outlast.envs.rendering import style as colors
 from outlast.envs.rendering.canvas import Canvas
-from outlast.envs.rendering.footage import footage
-from outlast.envs.rendering.rgb import draw, paint
+from outlast.envs.rendering.rgb import draw, footage, paint
 from outlast.envs.rendering.scene import of_kind
 from outlast.envs.rendering.words import MIDDLE, winner
 from outlast.envs.rollout.local import ticks

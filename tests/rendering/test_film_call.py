@@ -10,7 +10,7 @@ import pytest
 import outlast
 from outlast.drawing import FILM_LAYERS, CamerasLayer, select
 from outlast.envs.errors import FilmError, RecordingError, ScenarioError
-from outlast.envs.rendering.footage import footage
+from outlast.envs.rendering.rgb import footage
 from outlast.envs.rollout.local import ticks
 from outlast.envs.rollout.policies import random_policy, scripted_policy
 from tests.conftest import run

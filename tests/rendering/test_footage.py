@@ -11,8 +11,7 @@ from outlast import make_vec
 from outlast.ecs import Clock
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import FilmError
-from outlast.envs.rendering.footage import footage
-from outlast.envs.rendering.rgb import draw
+from outlast.envs.rendering.rgb import draw, footage
 from outlast.envs.rollout.local import ticks
 from outlast.envs.rollout.policies import scripted_policy
 

@@ -14,8 +14,7 @@ from outlast.drawing import LAYERS, CamerasLayer, Layer, LegendLayer, LooksLayer
 from outlast.ecs import RESET, Clock, Entity, Module, Worlds
 from outlast.envs.errors import FilmError
 from outlast.envs.rendering.canvas import Canvas
-from outlast.envs.rendering.footage import footage
-from outlast.envs.rendering.rgb import draw, text
+from outlast.envs.rendering.rgb import draw, footage, text
 from outlast.levels import FloorPlan
 from tests.conftest import digest
 from tests.core.test_scenario import LEFT_OUT
