@@ -23,7 +23,7 @@ from outlast.envs.core.options import default_of, options_of
 from outlast.envs.rendering.layers import FILM_LAYERS_BY_NAME
 from outlast.envs.rollout.policies import POLICIES
 from outlast.training.base import config
-from outlast.training.plots.plot import PlotOptions
+from outlast.training.plots import plot
 
 ROOT = Path(__file__).parents[1]
 COLUMNS = 112  # of a docstring, behind its indent
@@ -35,7 +35,6 @@ ALL: frozenset[str] = frozenset()
 FUNCTIONS = {
     (ROOT / "training/runs/train.py", "train"): (*TRAINING, ALL),
     (ROOT / "training/arena/evaluation.py", "evaluate"): (TRAINING[0], (config.EvaluationOptions,), ALL),
-    (ROOT / "training/plots/plot.py", "plot"): (ROOT / "training/plots/plot.py", (PlotOptions,), ALL),
     (ROOT / "envs/adapters/gymnasium_agents.py", "make_agents"): (MAKE, (), OWN),
     (ROOT / "envs/adapters/sb3.py", "make_sb3"): (MAKE, (), OWN | {"render_mode"}),
     (ROOT / "envs/adapters/puffer.py", "make_puffer"): (MAKE, (), OWN),
@@ -47,10 +46,11 @@ FLAGS = {  # of functions whose docstrings also are the help of commands
     ROOT / "envs/api/film.py": (film.FilmOptions, film.Looks),
     ROOT / "envs/api/play.py": (play.PlayOptions, play.PageOptions),
     ROOT / "envs/api/check.py": (check.CheckOptions,),
+    ROOT / "training/plots/plot.py": (plot.PlotOptions,),
 }
 STUB = ROOT / "envs/scenarios/known_numbers.pyi"
 NUMBERS = {int: "float", float: "float", bool: "bool", str: "str"}  # integers may be floats: 1e3
-WHOLE = ("train", "evaluate", "plot")
+WHOLE = ("train", "evaluate")
 PARAMETER = r"^    {}: .*\n"
 ENTRY = r"^        {}: .*\n(?:            .*\n)*"  # of an argument, in a docstring
 

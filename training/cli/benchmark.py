@@ -2,14 +2,13 @@
 
 import argparse
 import contextlib
-import functools
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from outlast.ecs.kernels.available import available_cores
-from outlast.envs.cli.grammar import Parser
+from outlast.envs.cli.grammar import add_command
 from outlast.envs.cli.options import STOPPED, add_options, output, positive, seed
 from outlast.envs.errors import needed
 from outlast.envs.progress import Progress, duration
@@ -30,28 +29,8 @@ EFFECT = 0.05  # of scores, by default
 
 def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    examples = [
-        ("benchmark tasks", "list the tasks"),
-        ("benchmark plan ffa_2-v2 teams_2-v2 --agent fast --seed 0 1 2 3 4 --out mine", "say what will be run"),
-        ("benchmark run mine", "train, choose checkpoints, and play all matches of the plan"),
-        ("benchmark score mine", "write the scores"),
-        ("benchmark verify mine", "play every match again, action by action"),
-        ("benchmark pack mine --out mine.zip", "put an entry into one file, to hand it in"),
-        ("benchmark check mine.zip", "do all that a maintainer does before accepting it"),
-        ("benchmark table mine other.zip --out tables", "write the tables, as Markdown and CSV, and figures"),
-        ("benchmark situations teams_3-v2 --policies scripted runs/teams_3-fast-0", "what agents can do"),
-        ("benchmark people games.rec --agent you --out mine", "where a person stands, by games of `outlast play`"),
-    ]
-    description = (
-        "Compare agents by the protocol of docs/benchmark.md: tasks that never change, a plan before the first result, "
-        "and games in worlds that no training uses. ACTION is one of: tasks, to list the tasks; plan, to write the "
-        "manifest; run, to do what it says; score, to compute scores; verify, to play all matches again; pack, to put "
-        "results into an archive; check, to verify an archive that is handed in; table, to write tables; situations, "
-        "to try policies in small scenes with a known solution; people, to add games of people; anchors, to make the "
-        "rated opponents of a task. The help of an option begins with the actions that take it."
-    )
-    text = "compare agents by one protocol, with verifiable results"
-    command = commands.add_parser("benchmark", help=text, description=description, examples=examples)
+    command = add_command(commands, "benchmark", run)
+    command.set_defaults(parser=command)
     command.add_argument("action", choices=NAMES, metavar="ACTION", help=f"what to do: {', '.join(NAMES)}")
     text = "plan: tasks, or all; run, score, pack: a folder of results; verify, table: folders, or archives of them "
     text += f"(default {RESULTS}); check: archives; situations, anchors: a task; people: recordings"
@@ -63,9 +42,8 @@ def add(commands: Any) -> None:
     plan.add_argument("--agent", action="append", default=[], metavar="AGENT", help=text)
     text = "plan: seeds of training; each is an entry of its own (default 0 1 2 3 4, as ratings need five)"
     plan.add_argument("--seed", type=seed, nargs="+", default=[0, 1, 2, 3, 4], help=text)
-    text = (
-        f"plan: agent-steps of training; the tracks have {', '.join(f'{n:,}' for n in BUDGETS.values())} (default 10e6)"
-    )
+    budgets = ", ".join(f"{steps:,}" for steps in BUDGETS.values())
+    text = f"plan: agent-steps of training; the tracks have {budgets} (default 10e6)"
     protocol.add_argument("--budget", type=positive, default=BUDGETS["10M"], metavar="N", help=text)
     text = f"plan, anchors: games of each test (default {GAMES}, as in all tracks)"
     protocol.add_argument("--games", type=positive, default=GAMES, metavar="N", help=text)
@@ -94,12 +72,31 @@ def add(commands: Any) -> None:
     files.add_argument("--allow-missing", action="store_true", help=text)
     text = "run, verify, check, situations, anchors: show no progress"
     files.add_argument("--quiet", action="store_true", help=text)
-    command.set_defaults(run=functools.partial(run, command))
 
 
-def run(command: Parser, options: argparse.Namespace) -> int:
-    """Run the action. Return the exit status."""
-    for option in command._actions:  # their help begins with the actions that take them
+def run(options: argparse.Namespace) -> int:
+    """Compare agents by one protocol, with verifiable results.
+
+    Compare agents by the protocol of docs/benchmark.md: tasks that never change, a plan before the first result, and
+    games in worlds that no training uses. ACTION is one of: tasks, to list the tasks; plan, to write the manifest; run,
+    to do what it says; score, to compute scores; verify, to play all matches again; pack, to put results into an
+    archive; check, to verify an archive that is handed in; table, to write tables; situations, to try policies in small
+    scenes with a known solution; people, to add games of people; anchors, to make the rated opponents of a task. The
+    help of an option begins with the actions that take it.
+
+    Examples:
+        benchmark tasks  # list the tasks
+        benchmark plan ffa_2-v2 teams_2-v2 --agent fast --seed 0 1 2 3 4 --out mine  # say what will be run
+        benchmark run mine  # train, choose checkpoints, and play all matches of the plan
+        benchmark score mine  # write the scores
+        benchmark verify mine  # play every match again, action by action
+        benchmark pack mine --out mine.zip  # put an entry into one file, to hand it in
+        benchmark check mine.zip  # do all that a maintainer does before accepting it
+        benchmark table mine other.zip --out tables  # write the tables, as Markdown and CSV, and figures
+        benchmark situations teams_3-v2 --policies scripted runs/teams_3-fast-0  # what agents can do
+        benchmark people games.rec --agent you --out mine  # where a person stands, by games of `outlast play`
+    """
+    for option in options.parser._actions:  # their help begins with the actions that take them
         actions = [word for text in (option.help or "").split("; ") for word in text.partition(":")[0].split(", ")]
         given = option.option_strings and getattr(options, option.dest, option.default) != option.default
         if given and options.action not in actions:

@@ -3,10 +3,9 @@
 import argparse
 import logging
 import time
-from collections.abc import Iterable
-from pathlib import Path
 from typing import Any
 
+from outlast.envs.cli.grammar import add_command
 from outlast.envs.cli.options import STOPPED, add_options, add_scenario, given_options, output, scenario
 from outlast.envs.errors import needed
 from outlast.envs.rollout.lineup import OWN_AS
@@ -25,35 +24,30 @@ logger = logging.getLogger("outlast")
 
 def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    examples = [
-        ("evaluate ffa_2 runs/ffa_2-fast-0 scripted random", "the newest policy of a run, against two others"),
-        (
-            "evaluate ffa_2 runs --episodes 200 --out evaluation",
-            "the newest policies of all runs in a folder; write tables",
-        ),
-        (
-            "evaluate teams_2 runs/teams_2-fast-0/steps_0010000000.zip scripted --out duel --film",
-            "one checkpoint; write films, too",
-        ),
-    ]
-    description = (
-        "Let every policy play against every other one and against itself, and print win rates, ratings and "
-        "behaviour. Runs that differ only in their seeds are also rated as one group, with intervals over seeds."
-    )
-    text, columns = "let policies play against each other, and rate them", "\n".join(explained())
-    epilog = f"columns ('it' is the policy of the row), each with its standard error over games:\n{columns}"
-    command = commands.add_parser("evaluate", help=text, description=description, examples=examples, epilog=epilog)
+    command = add_command(commands, "evaluate", run)
+    columns = "\n".join(explained())
+    about = "columns ('it' is the policy of the row), each with its standard error over games:"
+    command.epilog = f"{command.epilog}\n\n{about}\n{columns}"
     add_scenario(command)
     text = f"who plays: {', '.join(POLICIES)}, a saved policy ({SAVED_AS}), {OWN_AS} of your own, or a folder of "
-    command.group(PLAYED).add_argument(
-        "policies", nargs="+", metavar="POLICY", help=f"{text}several runs, whose newest checkpoints play"
-    )
+    text += "several runs, whose newest checkpoints play"
+    command.group(PLAYED).add_argument("policies", nargs="+", metavar="POLICY", help=text)
     add_options(command, EvaluationOptions, out={"type": output(check_out)})
-    command.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
-    """Evaluate, and report the complete pairings, also after an error. Return the exit status."""
+    """Let policies play against each other, and rate them.
+
+    Let every policy play against every other one and against itself, and print win rates, ratings and behaviour. Runs
+    that differ only in their seeds are also rated as one group, with intervals over seeds.
+
+    Examples:
+        evaluate ffa_2 runs/ffa_2-fast-0 scripted random  # the newest policy of a run, against two others
+        evaluate ffa_2 runs --episodes 200 --out evaluation
+            # the newest policies of all runs in a folder; write tables
+        evaluate teams_2 runs/teams_2-fast-0/steps_0010000000.zip scripted --out duel --film
+            # one checkpoint; write films, too
+    """
     with needed("train", "evaluating needs {}", TrainingError):
         from ..arena import evaluation as arena
     given, status = given_options(options, EvaluationOptions), 0
@@ -67,31 +61,15 @@ def run(options: argparse.Namespace) -> int:
             status, complete = STOPPED, len(evaluation.pairings)
             logger.warning("stopped; %d of %d pairings are complete", complete, len(evaluation.pairs))
         finally:
-            _report(evaluation, folder, time.perf_counter() - start)
-        if hidden is not None and folder is not None and not status:
-            status = _print_each(arena.films(evaluation, hidden, folder))
+            most = None if folder is None else FEW  # columns of many policies would take a hundred lines
+            print(arena.text(evaluation, terminal_width(), most))
+            print(f"\n{time.perf_counter() - start:,.0f} s", flush=True)
+            if folder is not None and evaluation.pairings:
+                print("", *arena.write_tables(evaluation, folder), sep="\n", flush=True)
+        try:
+            for path in arena.films(evaluation, hidden, folder) if hidden and folder and not status else ():
+                print(path, flush=True)
+        except KeyboardInterrupt:
+            logger.warning("stopped; the tables are written, not all films are")
+            return STOPPED
     return status
-
-
-def _report(evaluation: Any, folder: Path | None, seconds: float) -> None:
-    """Print the tables, write them if there is a folder and a table, and print their paths. Raises TrainingError.
-
-    Of many policies, columns are only written if there is a folder: they would take a hundred lines.
-    """
-    from ..arena.evaluation import text, write_tables
-
-    print(text(evaluation, terminal_width(), most=None if folder is None else FEW))
-    print(f"\n{seconds:,.0f} s", flush=True)
-    if folder is not None and evaluation.pairings:
-        print("", *write_tables(evaluation, folder), sep="\n", flush=True)
-
-
-def _print_each(paths: Iterable[Path]) -> int:
-    """Print the path of each film and page once it is written. Return the exit status."""
-    try:
-        for made in paths:
-            print(made, flush=True)
-    except KeyboardInterrupt:
-        logger.warning("stopped; the tables are written, not all films are")
-        return STOPPED
-    return 0

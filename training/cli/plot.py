@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from outlast.envs.cli.grammar import add_command
 from outlast.envs.cli.options import add_options, given_options, output
 
 from ..base.files import check_out
@@ -12,19 +13,7 @@ from ..plots.plot import DRAWN, PlotOptions, plot
 
 def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    examples = [
-        ("plot runs", "all runs in a folder in one figure, in the folder figures"),
-        (
-            "plot runs/weak runs/strong --by melee_damage --curves length,wins/scripted",
-            "two curves of each, in groups by a number of the game",
-        ),
-    ]
-    description = (
-        "Draw the learning curves of runs in one figure, and write a table of their values at the end. Runs that "
-        "differ only in their seeds are one group, drawn as their mean and a band."
-    )
-    text = "draw the learning curves of runs, and tabulate their end values"
-    command = commands.add_parser("plot", help=text, description=description, examples=examples, run=run)
+    command = add_command(commands, "plot", run)
     text = "folder of a run, a folder with several of these, such as runs, or kept results: all of a folder, or one by "
     text += "its name, such as results/original/ffa_2-original-0"
     command.group(DRAWN).add_argument("runs", nargs="+", type=Path, metavar="RUN", help=text)
@@ -40,9 +29,16 @@ def _names(text: str) -> tuple[str, ...]:
     return names
 
 
-def run(options: argparse.Namespace) -> int:
-    """Draw. Return the exit status. Writes nothing if a run is invalid."""
+def run(options: argparse.Namespace) -> None:
+    """Draw the learning curves of runs, and tabulate their end values.
+
+    Draw the learning curves of runs in one figure, and write a table of their values at the end. Runs that differ only
+    in their seeds are one group, drawn as their mean and a band.
+
+    Examples:
+        plot runs  # all runs in a folder in one figure, in the folder figures
+        plot runs/weak runs/strong --by melee_damage --curves length,wins/scripted
+            # two curves of each, in groups by a number of the game
+    """
     found = plot(options.runs, **given_options(options, PlotOptions))
-    print(found)
-    print("\n".join(map(str, found.files)))
-    return 0
+    print(found, *found.files, sep="\n")

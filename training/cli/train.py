@@ -2,7 +2,6 @@
 
 import argparse
 import copy
-import functools
 import itertools
 import logging
 import time
@@ -11,7 +10,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from outlast.ecs.kernels.available import available_cores
-from outlast.envs.cli.grammar import Parser
+from outlast.envs.cli.grammar import add_command
 from outlast.envs.cli.options import STOPPED, add_options, add_scenario, given_options, output, positive, scenario, seed
 from outlast.envs.core.options import options_of
 from outlast.envs.errors import needed
@@ -32,22 +31,8 @@ logger = logging.getLogger("outlast")
 
 def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    examples = [
-        ("train ffa_2", "ten million agent-steps, in the folder runs/ffa_2-fast-0"),
-        ("train ffa_2 teams_2 --seed 0 1 2 --steps 20e6", "six runs, as many at a time as there are cores"),
-        (
-            "train ffa_2 --sweep melee_damage=5,10,20 --seed 0 1",
-            "a study of six runs; `outlast plot runs` compares them",
-        ),
-        ("train ffa_2 --resume", "continue a run that was stopped"),
-    ]
-    text = "train the agents of a game with PPO"
-    description = (
-        "Train agents with PPO, by self-play unless --opponents names others. Several variants, seeds or values of "
-        "--sweep are several runs, side by side. The folder of a run has its log and checkpoints. A tick of a world of "
-        "four agents is one environment step, and four agent-steps."
-    )
-    command = commands.add_parser("train", help=text, description=description, examples=examples)
+    command = add_command(commands, "train", run)
+    command.set_defaults(parser=command)
     add_scenario(command, several=True)
     for title in (known.LEARNED, known.OPPOSED, known.ROLLOUT, known.OUTPUT, known.MACHINE):  # in this order
         command.group(title)
@@ -55,24 +40,32 @@ def add(commands: Any) -> None:
     seeds = {"type": seed, "nargs": "+", "default": [0], "help": text}
     add_options(command, TrainingConfig, seed=seeds, opponents={"default": SELF})
     add_options(command, RunOptions, folder={"type": output(check_out)}, cluster={"nargs": "?", "const": ""})
-    text = (
-        "train with each of these values of a number of the game or of PPO, as in melee_damage=5,10,20 or gamma=0.99,"
-    )
-    text += "0.999; of several numbers, with each combination (can be repeated)"
+    text = "train with each of these values of a number of the game or of PPO, as in melee_damage=5,10,20 or gamma="
+    text += "0.99,0.999; of several numbers, with each combination (can be repeated)"
     command.group(known.LEARNED).add_argument(
         "--sweep", type=_swept, action="append", default=[], metavar="NUMBER=V,V,...", help=text
     )
     text = "runs that train at the same time (default: cores / --processes)"
     command.group(known.MACHINE).add_argument("--jobs", type=positive, help=text)
-    command.set_defaults(run=functools.partial(run, command))
 
 
-def run(command: Parser, options: argparse.Namespace) -> int:
-    """Train. Return the exit status."""
+def run(options: argparse.Namespace) -> int:
+    """Train the agents of a game with PPO.
+
+    Train agents with PPO, by self-play unless --opponents names others. Several variants, seeds or values of --sweep
+    are several runs, side by side. The folder of a run has its log and checkpoints. A tick of a world of four agents is
+    one environment step, and four agent-steps.
+
+    Examples:
+        train ffa_2  # ten million agent-steps, in the folder runs/ffa_2-fast-0
+        train ffa_2 teams_2 --seed 0 1 2 --steps 20e6  # six runs, as many at a time as there are cores
+        train ffa_2 --sweep melee_damage=5,10,20 --seed 0 1  # a study of six runs; `outlast plot runs` compares them
+        train ffa_2 --resume  # continue a run that was stopped
+    """
     runs = list(_each_run(options))
     if options.jobs is not None and len(runs) == 1:
         raise TrainingError("--jobs has no effect on one run: leave it out, or name several variants or seeds")
-    return _train_several(command, options, runs) if len(runs) > 1 else _train_one(options, runs[0])
+    return _train_several(options, runs) if len(runs) > 1 else _train_one(options, runs[0])
 
 
 class PlannedRun(NamedTuple):
@@ -132,15 +125,14 @@ def _train_one(options: argparse.Namespace, planned: PlannedRun) -> int:
     return status
 
 
-def _train_several(command: Parser, options: argparse.Namespace, planned: Sequence[PlannedRun]) -> int:
+def _train_several(options: argparse.Namespace, planned: Sequence[PlannedRun]) -> int:
     """Train all of them, each in its own process. Return the exit status, see side_by_side.
 
-    `--resume` continues runs that were stopped, and begins those that had not begun.
-
-    command: The parser of these options. Raises TrainingError, before anything begins: two runs would be the same.
+    `--resume` continues runs that were stopped, and begins those that had not begun. Raises TrainingError, before
+    anything begins: two runs would be the same.
     """
     folder = Path(options.out or "runs")
-    common = [*command.words(options, leave_out=OWN), *(["--threads=1"] if not options.threads else [])]
+    common = [*options.parser.words(options, leave_out=OWN), *(["--threads=1"] if not options.threads else [])]
     runs = [ChildRun(folder / each.folder_name, [*each.words, *common], resume=options.resume) for each in planned]
     if len({run.name for run in runs}) < len(runs):
         raise TrainingError(f"{', '.join(run.name for run in runs)}: name each variant and each seed once")

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from outlast.envs.api.play import PageOptions
+from outlast.envs.cli.grammar import add_command
 from outlast.envs.cli.options import add_import, add_options, import_files, printable
 from outlast.envs.errors import needed
 
@@ -18,21 +19,22 @@ LISTED = 5  # runs listed in a message
 
 def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    examples = [("watch runs/ffa_2-fast-0", "the newest policy of this run plays, beside its numbers")]
-    description = (
-        "Serve a web page on which the newest policy of a run plays, beside the numbers of the run. During training, "
-        "newer policies replace it. Ctrl-C ends the page."
-    )
-    text = "see the newest policy of a run play in the browser"
-    command = commands.add_parser("watch", help=text, description=description, examples=examples, run=run)
+    command = add_command(commands, "watch", run)
     text = "folder of a run of `outlast train`, which may still be training"
     command.add_argument("run_folder", type=Path, metavar="RUN", help=text)
     add_import(command, "the run uses")
     add_options(command, PageOptions)
 
 
-def run(options: argparse.Namespace) -> int:
-    """Serve the page until Ctrl-C. Return the exit status. Raises TrainingError, PlayError."""
+def run(options: argparse.Namespace) -> None:
+    """See the newest policy of a run play in the browser.
+
+    Serve a web page on which the newest policy of a run plays, beside the numbers of the run. During training, newer
+    policies replace it. Ctrl-C ends the page.
+
+    Examples:
+        watch runs/ffa_2-fast-0  # the newest policy of this run plays, beside its numbers
+    """
     with needed("train", "watching needs {}", TrainingError):
         import torch  # noqa: F401, which policies need, before anything is served
 
@@ -59,7 +61,6 @@ def run(options: argparse.Namespace) -> int:
     finally:
         stop.set()
         recorder.join()
-    return 0
 
 
 def _run_in(folder: Path) -> Path:

@@ -18,31 +18,6 @@ FIGURE = "curves"  # name of the figure's file
 DRAWN, OUTPUT = "what is drawn", "output"  # groups of options
 
 
-@dataclass(frozen=True)
-class PlotOptions:
-    """Options of `outlast.plot`."""
-
-    out: str | Path = option("figures", OUTPUT, "folder for figures and tables: curves.png, ends.md, ends.csv")
-    by: str | Sequence[str] = option(
-        (),
-        DRAWN,
-        "settings of the game, of PPO or of the run that distinguish groups, such as melee_damage,opponents (default: "
-        "all but the seed)",
-        python="In Python one name, or a list of names.",
-        metavar="NAME,...",
-    )
-    curves: str | Sequence[str] = option(
-        (),
-        DRAWN,
-        "what to draw: statistics of episodes, such as return,length, or tags of log.csv, such as wins/scripted "
-        "(default: up to six)",
-        python="In Python one name, or a list of names.",
-        metavar="NAME,...",
-    )
-    x: str = option("steps", DRAWN, "horizontal axis: agent-steps, or hours of training", choices=AXES)
-    form: str = option("png", OUTPUT, "format of the figures", flag="--format", choices=FORMS)
-
-
 def compare(places: Sequence[Path], by: Sequence[str] = (), curves: Sequence[str] = (), x: str = "steps") -> Comparison:
     """Compare the runs in these places, without writing anything; see `plot`."""
     if not places:
@@ -76,8 +51,8 @@ def plot(
             all but the seed). In Python one name, or a list of names.
         curves: What to draw: statistics of episodes, such as return,length, or tags of log.csv, such as wins/scripted
             (default: up to six). In Python one name, or a list of names.
-        x: Horizontal axis: agent-steps, or hours of training: steps or time.
-        form: Format of the figures: png or svg.
+        x: Horizontal axis: agent-steps, or hours of training. One of steps and time.
+        form: Format of the figures. One of png and svg.
 
     Returns:
         The comparison. `str` turns it into the table in Markdown; `files` has the paths of the files written.
@@ -100,3 +75,15 @@ def plot(
     write_files(contents)
     found.files.extend(contents)
     return found
+
+
+@dataclass(frozen=True)
+class PlotOptions:
+    """The options of `outlast.plot` that are flags."""
+
+    described = plot
+    out: str | Path = option("figures", OUTPUT)
+    by: str | Sequence[str] = option((), DRAWN, metavar="NAME,...")
+    curves: str | Sequence[str] = option((), DRAWN, metavar="NAME,...")
+    x: str = option("steps", DRAWN, choices=AXES)
+    form: str = option("png", OUTPUT, flag="--format", choices=FORMS)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from outlast.envs.cli.grammar import add_command
 from outlast.envs.cli.options import output
 from outlast.envs.core.options import OUTPUT
 from outlast.envs.errors import needed
@@ -29,10 +30,7 @@ HEADS = ("", PAPER, "outlast", "95 %", "apart", WITHIN, "peak in the paper", "pe
 
 def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    text = "compare runs of the paper's variants with the paper"
-    description = "Draw a figure for each variant and preset, beside the paper's curves, and check the paper's claims."
-    examples = [("compare runs --out figures/paper", "all runs in a folder")]
-    command = commands.add_parser("compare", help=text, description=description, examples=examples, run=run)
+    command = add_command(commands, "compare", run)
     text = "folder of a run, or a folder with several of these, or with kept results"
     command.group(DRAWN).add_argument("runs", nargs="+", type=Path, metavar="RUN", help=text)
     group = command.group(OUTPUT)
@@ -41,6 +39,23 @@ def add(commands: Any) -> None:
     group.add_argument("--format", choices=FORMS, default=FORMS[0], help=f"format of the figures (default {FORMS[0]})")
     text = "also write the runs' curves, and newest policies as RUN.safetensors, to this folder"
     group.add_argument("--keep", type=output(check_out), metavar="FOLDER", help=text)
+
+
+def run(options: argparse.Namespace) -> None:
+    """Compare runs of the paper's variants with the paper.
+
+    Draw a figure for each variant and preset, beside the paper's curves, and check the paper's claims.
+
+    Examples:
+        compare runs --out figures/paper  # all runs in a folder
+    """
+    runs = load_runs(options.runs)
+    groups = group_runs(runs)
+    contents = files_to_keep(runs, Path(options.keep)) if options.keep else {}
+    drawn = figures_and_tables(groups, options.format)
+    contents |= {Path(options.out) / name: content for name, content in drawn.items()}
+    write_files(contents)  # nothing, if a run is invalid
+    print(report(groups), *contents, sep="\n")
 
 
 @dataclass(frozen=True)
@@ -190,15 +205,3 @@ def figures_and_tables(groups: Sequence[PaperGroup], form: str, beside: Sequence
         from .figures import picture
     figures = {f"{group.name}.{form}": picture(group, form) for group in groups}
     return {**figures, "ends.md": report(groups, beside).encode(), ENDS: csv_table(groups).encode()}
-
-
-def run(options: argparse.Namespace) -> int:
-    """Draw. Return the exit status. Writes nothing if a run is invalid."""
-    runs = load_runs(options.runs)
-    groups = group_runs(runs)
-    contents = files_to_keep(runs, Path(options.keep)) if options.keep else {}
-    drawn = figures_and_tables(groups, options.format)
-    contents |= {Path(options.out) / name: content for name, content in drawn.items()}
-    write_files(contents)
-    print(report(groups), *contents, sep="\n")
-    return 0

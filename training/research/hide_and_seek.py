@@ -1,6 +1,7 @@
 """Hide and seek, what agents do with things. tool-use: with and without them; phases: from checkpoint to checkpoint."""
 
 import argparse
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -10,6 +11,7 @@ from matplotlib.figure import Figure
 
 from outlast.components.hide_and_seek import HIDERS, SEEKERS
 from outlast.ecs import role
+from outlast.envs.cli.grammar import add_command
 from outlast.envs.cli.options import output, positive
 from outlast.envs.core.options import OUTPUT
 from outlast.envs.rollout.saved import checkpoints, runs_in, steps_of
@@ -44,23 +46,8 @@ Cells = dict[tuple[int, int], Estimates]  # by the agent-steps of hiders and of 
 
 def add(commands: Any) -> None:
     """Add the commands to a parser's commands."""
-    text = "test whether hiders and seekers use things as tools"
-    description = (
-        "Let each run's newest policy of hide and seek play against itself, as it was trained and with actions taken "
-        "away from one side, and print in how many ticks of an episode hiders are seen. A difference of more than "
-        "three standard errors shows that what was taken away was of use."
-    )
-    examples = [("tool-use hide_small runs/hide_small-fast-0 --episodes 1024", "one run")]
-    command = commands.add_parser("tool-use", help=text, description=description, examples=examples, run=use_tools)
-    _add_games(command, "a saved policy, or the folder of a run")
-    text = "play hiders of each checkpoint against seekers of each"
-    description = (
-        "Let hiders of each checkpoint of a run of hide and seek play against seekers of each checkpoint of the same "
-        "run. Print in how many ticks of an episode hiders are seen, and what each checkpoint does with things when it "
-        "plays against itself."
-    )
-    examples = [("phases hide_small runs/hide_small-fast-* --out phases.csv --figure phases.png", "several runs")]
-    command = commands.add_parser("phases", help=text, description=description, examples=examples, run=play_phases)
+    _add_games(add_command(commands, "tool-use", use_tools), "a saved policy, or the folder of a run")
+    command = add_command(commands, "phases", play_phases)
     _add_games(command, "the folder of a run, or a folder with several of these")
     text = "draw the ticks seen of all runs to this file, as PNG"
     command.group(OUTPUT).add_argument("--figure", type=output(_check), metavar="FILE", help=text)
@@ -106,15 +93,22 @@ def measure(scenario: Scenario, path: str, episodes: int) -> list[tuple[Any, ...
     return rows
 
 
-def use_tools(options: argparse.Namespace) -> int:
-    """Play the forms of the game, print and write; the exit status."""
+def use_tools(options: argparse.Namespace) -> None:
+    """Test whether hiders and seekers use things as tools.
+
+    Let each run's newest policy of hide and seek play against itself, as it was trained and with actions taken away
+    from one side, and print in how many ticks of an episode hiders are seen. A difference of more than three standard
+    errors shows that what was taken away was of use.
+
+    Examples:
+        tool-use hide_small runs/hide_small-fast-0 --episodes 1024  # one run
+    """
     rows = list[tuple[Any, ...]]()
     for path in options.runs:
         rows += measure(resolve(options.scenario, {}), path, options.episodes)
     if options.out:
         write_files({Path(options.out): csv_text(COMPARED, rows).encode()})
     print(text_table([(*row[:2], *(f"{value:.2f}" for value in row[2:])) for row in rows], COMPARED, left=2))
-    return 0
 
 
 def play(scenario: Scenario, folder: Path, episodes: int) -> Cells:
@@ -154,12 +148,10 @@ def changes(cells: Cells, of: int) -> tuple[int, int, int]:
     of: The side whose checkpoints are compared: HIDERS or SEEKERS.
     """
     steps, apart = sorted({pair[of] for pair in cells}), list[float]()
-    for other in steps:
-        for k, early in enumerate(steps):
-            for late in steps[k + 1 :]:
-                pairs = ((each, other) if of == HIDERS else (other, each) for each in (early, late))
-                (before, one), (after, two) = (cells[pair][FIGURE] for pair in pairs)
-                apart.append((after - before) / max(math.hypot(one, two), 1e-9))
+    for other, (early, late) in itertools.product(steps, itertools.combinations(steps, 2)):
+        pairs = ((each, other) if of == HIDERS else (other, each) for each in (early, late))
+        (before, one), (after, two) = (cells[pair][FIGURE] for pair in pairs)
+        apart.append((after - before) / max(math.hypot(one, two), 1e-9))
     return sum(each > CERTAIN for each in apart), sum(each < -CERTAIN for each in apart), len(apart)
 
 
@@ -204,8 +196,16 @@ def draw(runs: Mapping[str, Cells]) -> Figure:
     return figure
 
 
-def play_phases(options: argparse.Namespace) -> int:
-    """Play the checkpoints of runs, print, write; the exit status."""
+def play_phases(options: argparse.Namespace) -> None:
+    """Play hiders of each checkpoint against seekers of each.
+
+    Let hiders of each checkpoint of a run of hide and seek play against seekers of each checkpoint of the same run.
+    Print in how many ticks of an episode hiders are seen, and what each checkpoint does with things when it plays
+    against itself.
+
+    Examples:
+        phases hide_small runs/hide_small-fast-* --out phases.csv --figure phases.png  # several runs
+    """
     folders = [folder for place in options.runs for folder in runs_in(Path(place))]
     found = {folder.name: play(resolve(options.scenario, {}), folder, options.episodes) for folder in folders}
     contents, every = dict[Path, bytes](), list[Sequence[Any]]()
@@ -217,4 +217,3 @@ def play_phases(options: argparse.Namespace) -> int:
     if options.figure:
         contents[Path(options.figure)] = encoded(lambda: draw(found), "png", {"Title": "phases"}, 64)
     write_files(contents)
-    return 0

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from outlast.envs.cli.grammar import add_command
 from outlast.envs.cli.options import output, positive
 from outlast.envs.core.options import OUTPUT
 from outlast.envs.rollout.lineup import parse_lineup
@@ -52,17 +53,7 @@ Rows = list[tuple[str, ...]]
 
 def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    text = "measure what emerges in a long run of the survival game"
-    description = (
-        "Let checkpoints of each run play against each other, themselves and the scripted policy: the first one, those "
-        "after 2, 4, 8, ... times its steps, and the newest. Print win rates, ratings and what agents do. Of runs that "
-        "were trained against a single checkpoint, print how many games each checkpoint wins against it."
-    )
-    examples = [
-        ("long-run teams_3+bounty runs/teams_3+bounty-fast-0 --out long_run", "one run; write tables"),
-        ("long-run teams_3+bounty --responses responses/0", "a run of `outlast train ... --opponents FILE.zip`"),
-    ]
-    command = commands.add_parser("long-run", help=text, description=description, examples=examples, run=run)
+    command = add_command(commands, "long-run", run)
     group = command.group(DRAWN)
     group.add_argument("scenario", metavar="SCENARIO", help="the game that the runs were trained in")
     group.add_argument("runs", nargs="*", type=Path, metavar="RUN", help="folders of runs")
@@ -99,17 +90,15 @@ def measured(game: Scenario, run: Path, episodes: int) -> tuple[Rows, Rows]:
         assert ratings is not None  # all have played against each other
         figures, games, names = Rows(), Rows(), list(players)
         for k, name in enumerate(names):
-            elo = float(ratings[0][k]), float(ratings[1][k])
-            own = {"Elo": elo}
+            own = {"Elo": (float(ratings[0][k]), float(ratings[1][k]))}
             if name != SCRIPTED:
                 own |= {f"wins against {SCRIPTED}": evaluation.estimates(name, SCRIPTED)["wins"]}
             for pairing in evaluation.pairings:
                 if pairing.pair == (k, k):
                     own |= self_play(pairing, COUNTED, agents) | shares(pairing)
             figures += [_row((run.name, name, figure), *pair) for figure, pair in own.items()]
-            for other in names:
-                if other != name:
-                    games.append(_row((run.name, name, other), *evaluation.estimates(name, other)["wins"]))
+            wins = {other: evaluation.estimates(name, other)["wins"] for other in names if other != name}
+            games += [_row((run.name, name, other), *pair) for other, pair in wins.items()]
     return figures, games
 
 
@@ -148,8 +137,17 @@ def _row(names: tuple[str, ...], mean: float, error: float) -> tuple[str, ...]:
     return (*names, digits(float(f"{mean:.4g}")), digits(float(f"{error:.2g}")))
 
 
-def run(options: argparse.Namespace) -> int:
-    """Play, print and write; the exit status."""
+def run(options: argparse.Namespace) -> None:
+    """Measure what emerges in a long run of the survival game.
+
+    Let checkpoints of each run play against each other, themselves and the scripted policy: the first one, those after
+    2, 4, 8, ... times its steps, and the newest. Print win rates, ratings and what agents do. Of runs that were trained
+    against a single checkpoint, print how many games each checkpoint wins against it.
+
+    Examples:
+        long-run teams_3+bounty runs/teams_3+bounty-fast-0 --out long_run  # one run; write tables
+        long-run teams_3+bounty --responses responses/0  # a run of `outlast train ... --opponents FILE.zip`
+    """
     game, tables = resolve(options.scenario, {}), {name: Rows() for name in FILES}
     if not options.runs and not options.responses:
         raise TrainingError("there is nothing to measure: name the folders of runs, or --responses")
@@ -168,13 +166,10 @@ def run(options: argparse.Namespace) -> int:
     if options.out:
         contents = dict[Path, bytes]()
         for name, rows in tables.items():
-            own = {row[0] for row in rows}
-            others = [row for row in before[name] if row[0] not in own]
+            others = [row for row in before[name] if row[0] not in {own[0] for own in rows}]
             if rows:
                 contents[Path(options.out) / name] = csv_text(FILES[name], others + rows).encode()
-        write_files(contents)
-        print("", *contents, sep="\n")
-    return 0
+        print("", *write_files(contents), sep="\n")
 
 
 def _kept(path: Path) -> Rows:

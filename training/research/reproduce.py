@@ -11,6 +11,7 @@ from typing import Any
 
 import outlast
 from outlast.ecs.kernels.available import available_cores
+from outlast.envs.cli.grammar import add_command
 from outlast.envs.cli.options import STOPPED, add_quiet, nonnegative, output, positive
 from outlast.envs.core.options import MACHINE, OUTPUT
 from outlast.envs.errors import FilmError, install
@@ -156,20 +157,9 @@ def experiments(parts: Iterable[str]) -> list[Experiment]:
 
 def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
-    text = "train, measure and draw the paper's experiments and more"
-    examples = [
-        ("reproduce --plan", "the runs to train, with their agent-steps"),
-        ("reproduce original --out reproduction", "the eight experiments; the same command continues after Ctrl-C"),
-        ("reproduce original --only ffa_2 teams_2 --seeds 1", "two of them, one seed each"),
-    ]
-    description = (
-        "Train the runs of docs/paper.md, and write its figures, tables and films. The same command continues after it "
-        "was stopped."
-    )
+    command = add_command(commands, "reproduce", run)
     parts = "\n".join(f"  {name:10}{about}" for name, about in PARTS.items())
-    command = commands.add_parser(
-        "reproduce", help=text, description=description, examples=examples, epilog=f"parts:\n{parts}", run=run
-    )
+    command.epilog = f"{command.epilog}\n\nparts:\n{parts}"
     done = command.group("what is done")
     text = f"parts to train: {', '.join(PARTS)}, see below (default: all)"
     done.add_argument("parts", nargs="*", metavar="PART", help=text)
@@ -189,7 +179,16 @@ def add(commands: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Run the command. Return the exit status."""
+    """Train, measure and draw the paper's experiments and more.
+
+    Train the runs of docs/paper.md, and write its figures, tables and films. The same command continues after it was
+    stopped.
+
+    Examples:
+        reproduce --plan  # the runs to train, with their agent-steps
+        reproduce original --out reproduction  # the eight experiments; the same command continues after Ctrl-C
+        reproduce original --only ffa_2 teams_2 --seeds 1  # two of them, one seed each
+    """
     options.out = Path(options.out)
     chosen = _chosen(options)
     plan = _plan(chosen, options)
