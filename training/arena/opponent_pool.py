@@ -72,8 +72,7 @@ class OpponentPool:
     Index 0 is the present self: where it is drawn, learners play all sides. Past selves that are no longer drawn are
     kept while they play in any world.
 
-    dropped: Games against past selves that are no longer in the pool. memory: Width of the widest memory among all
-    policies that play.
+    dropped: Games against past selves that are no longer in the pool. memory: Width of the widest memory of all.
     """
 
     def __init__(
@@ -87,9 +86,9 @@ class OpponentPool:
     ) -> None:
         """Create a pool without past selves, for worlds like those of `env`.
 
-        weights: By path or name of OPPONENTS, see envs.rollout.lineup.parse_lineup. players: Players of the paths.
-        prioritised: Whether opponents that win more are drawn more often: prioritised fictitious self-play (Vinyals et
-        al., 2019). The present self keeps its weight. memory: Width of the memory of the learners' policies.
+        weights: By path or name of OPPONENTS. players: Players of the paths. prioritised: Whether opponents that win
+        more are drawn more often: prioritised fictitious self-play (Vinyals et al., 2019); the present self keeps its
+        weight. memory: Width of the memory of the learners' policies.
         """
         self.weights, self.prioritised = dict(weights), prioritised
         self.all = {0: Opponent(SELF, weights.get(SELF, 0.0))}
@@ -117,8 +116,7 @@ class OpponentPool:
     def chances(self) -> tuple[Array, Array]:
         """Return indices that can be drawn, int, and their weights, float64 of the same length."""
         shares = {k: one.weight for k, one in self.all.items() if not one.past}
-        for k in self.past:
-            shares[k] = self.weights[PAST] / len(self.past)
+        shares |= {k: self.weights[PAST] / len(self.past) for k in self.past}
         if not self.past:
             shares[0] += self.weights.get(PAST, 0.0)
         if self.prioritised:
@@ -128,11 +126,7 @@ class OpponentPool:
         return np.array(list(shares)), np.array(list(shares.values()))
 
     def remember(self, policies: Sequence[Networks], steps: int, playing: set[int]) -> None:
-        """Add a copy of the learners to the past selves.
-
-        policies: The policies of the learners. steps: Their agent-steps of training. playing: Indices of the
-        opponents that play in some world.
-        """
+        """Add a copy of the learners to the past selves. playing: Indices of the opponents that play in some world."""
         if PAST not in self.weights:
             return
         past = Opponent(f"{PAST}@{steps}", 0.0, [frozen(policy) for policy in policies], rating=self.all[0].rating)

@@ -30,10 +30,7 @@ class Contender:
     """
 
     def __init__(self, label: str, policy: str | Policy, seed: int | None = None) -> None:
-        """Take a name, the path of a checkpoint, or a function (observations) -> actions. Raises TrainingError.
-
-        seed: Seed of a policy that a function of the user's makes, in place of that of `act`.
-        """
+        """Raise TrainingError for what is not a policy. seed: In place of that of `act`, for a user's function."""
         self.label, self.player = label, policy if isinstance(policy, Player) else None
         self.text = policy if isinstance(policy, str) else getattr(policy, "__name__", type(policy).__name__)
         self._function = None if isinstance(policy, (str, Player)) else policy
@@ -98,10 +95,8 @@ class Contender:
 def contenders(given: Given | Sequence[Given] | Mapping[str, Given]) -> list[Contender]:
     """Return a contender for each policy; a folder of a run or several runs stands for each run's newest checkpoint.
 
-    Raises TrainingError: none are given, one is named twice, or a file does not exist. Raises UsageError: one is not a
-    policy, or is a folder without a checkpoint.
-
-    given: Names, paths, functions; a mapping gives their labels; otherwise labels are made from names and paths.
+    given: Names, paths, functions; a mapping gives their labels; otherwise labels are made from names and paths. Raises
+    TrainingError, or UsageError: none are given, one is named twice, or is not a policy or a folder with a checkpoint.
     """
     if isinstance(given, (str, Path)) or callable(given):
         given = [given]

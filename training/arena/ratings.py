@@ -26,8 +26,7 @@ AGE = "agent_steps"  # the only difference between checkpoints of one run
 def chained(scores: Array) -> Array:
     """Return whether a chain of scores leads from i to j: i scored against a player that scored against ... j.
 
-    scores: (..., players, players), those of i against j. If no chain leads from i to j, the likelihood grows without
-    bound as j is rated higher above i.
+    scores: (..., players, players). Without a chain, the likelihood grows without bound as j is rated higher above i.
     """
     count = scores.shape[-1]
     chain: Array = (scores > 0) | np.eye(count, dtype=bool)
@@ -182,18 +181,18 @@ def rate_groups(groups: Sequence[PolicyGroup], wins: Array, draws: Array, seed: 
 
     Each resampling draws, with replacement, as many runs from a group as it has, and draws the games of each pairing
     anew. The wins between two groups are the means over the pairings of their runs, so groups with more runs do not
-    weigh more. For a group of one run only games are resampled: its interval does not cover other seeds.
-
-    A group that won every game would win every resampled one, too. So the interval of a share that is 1 or 0 ends
-    there, and a rating that no game bounds has an infinite end, see `ratings.chained`.
+    weigh more. For a group of one run only games are resampled. The interval of a share that is 1 or 0 ends there, and
+    a rating that no game bounds has an infinite end, see `chained`.
 
     groups: At least two, which hold all policies. wins, draws: Games that each policy won against each other, and that
-    were drawn, (policies, policies). seed: The same seed gives the same intervals.
+    were drawn, (policies, policies).
     """
     generator, own = np.random.default_rng(seed), np.zeros((1, len(groups), len(wins)))
+    drawn = np.zeros((reps, len(groups), len(wins)))  # weights of the policies when runs are resampled
     for g, group in enumerate(groups):
-        own[0, g, group.members] = 1 / len(group.members)
-    drawn = np.concatenate([_drawn(group, len(wins), generator, reps) for group in groups], 1)
+        count = len(group.members)
+        own[0, g, group.members] = 1 / count
+        drawn[:, g, group.members] = generator.multinomial(count, [1 / count] * count, reps) / count
     won, tied = _mixed(own, wins[None], draws[None])
     chain = chained(won[0] + tied[0])
     value, shares = elo(won, tied)[0][0], _shares(won, tied)[0]
@@ -202,14 +201,6 @@ def rate_groups(groups: Sequence[PolicyGroup], wins: Array, draws: Array, seed: 
     ratings = Estimate(value, np.where(chain.all(1), low, -np.inf), np.where(chain.all(0), high, np.inf))
     low, high = percentile_interval(_shares(won, tied))
     return Groups(list(groups), ratings, Estimate(shares, np.where(shares, low, 0), np.where(shares == 1, 1, high)))
-
-
-def _drawn(group: PolicyGroup, policies: int, generator: np.random.Generator, reps: int) -> Array:
-    """Return the weight of each policy in a group when its runs are resampled, (reps, 1, policies)."""
-    count = len(group.members)
-    weights = np.zeros((reps, 1, policies))
-    weights[:, 0, group.members] = generator.multinomial(count, [1 / count] * count, reps) / count
-    return weights
 
 
 def _replayed(wins: Array, draws: Array, generator: np.random.Generator, reps: int) -> tuple[Array, Array]:

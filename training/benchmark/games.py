@@ -99,13 +99,12 @@ def digest(path: Path) -> str:
 
 
 def play(game: TaskGame, policies: Sequence[Contender | None], games: int, given: Moves | None = None) -> Played:
-    """Play a match, or play it again by its file.
+    """Play a match, or play it again by its file. Raises TrainingError: a policy cannot play the game.
 
     policies: One that meets itself; two; or three, of which the last plays the team-mates of the first, see Match.
     None: a function of the user's, of a match that is played again. games: How many, each in its own world: even, so
-    that both play each side equally often. given: The file of the match. Policies are asked what they would do, and
-    take the kept actions where these may be rounded otherwise. Raises RecordingError: a tick differs from the file, or
-    a policy did not choose an action that is kept. Raises TrainingError: a policy cannot play the game.
+    that both play each side equally often. given: The file of the match: policies are asked what they would do, and
+    take the kept actions where these may be rounded otherwise. Raises RecordingError: a tick or an action differs.
     """
     known = [policy for policy in policies if policy is not None]
     evaluation = Evaluation(game.scenario, known, episodes=games, worlds=games, seed=game.seed)
@@ -130,8 +129,7 @@ def play(game: TaskGame, policies: Sequence[Contender | None], games: int, given
 class _Seats:
     """The policies of a match, what they choose, and what is kept of it, see Moves; as an observer, it hashes ticks.
 
-    found: The hash of every tick. left: Number of actions in the file that nobody has taken yet. differing, drawn: See
-    Played.
+    found: The hash of every tick. left: Number of actions in the file that nobody has taken yet.
     """
 
     def __init__(self, env: SurvivalVectorEnv, given: Moves | None) -> None:

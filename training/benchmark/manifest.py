@@ -1,7 +1,6 @@
 """manifest.json: all that will be run, compared and called a difference, written before anything is evaluated.
 
-A manifest never changes: every result names its digest, so results of another plan are refused, and what is planned but
-was not run is missing in every table.
+A manifest never changes: every result names its digest, and what is planned but was not run is missing in every table.
 """
 
 import itertools
@@ -153,8 +152,7 @@ def write(
 ) -> Manifest:
     """Write a manifest. numbers: budget, games, responses and effect.
 
-    Raises TrainingError: something is named twice, an agent of a pair is unknown, a seed or an option cannot be used;
-    the folder has another manifest already, or cannot be written.
+    Raises TrainingError: names, seeds or options are not possible, or the folder has another manifest already.
     """
     names = [agent.name.lower() for agent in agents]  # some disks do not tell Fast from fast
     for what, given in (("task", [task.name for task in tasks]), ("agent", names), ("seed", seeds)):

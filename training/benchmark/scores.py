@@ -41,8 +41,7 @@ Played = list[dict[Pairing, Content]]  # the matches of each seed
 def scores(manifests: Sequence[Manifest]) -> Scores:
     """Return all scores of the results of these manifests, by budget. Raises TrainingError.
 
-    Agents of several manifests are compared over tasks where their budgets and numbers of games are equal. An agent of
-    two manifests must have another task in each.
+    Agents of several manifests are compared where budgets are equal; an agent of two must have another task in each.
     """
     budgets: dict[str, Scores] = {}
     for manifest in manifests:

@@ -2,7 +2,6 @@
 
 A claim is a sentence of the paper, a number that measures it, and the range in which that number must be. Where the
 paper has "close to 0" or "significantly", the range is ours; it holds for the paper's own curves, which a test checks.
-What the paper observed in policies has no curve of its own: there, only our runs are measured.
 """
 
 import csv

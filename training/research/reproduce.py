@@ -257,13 +257,12 @@ def _train(plan: Plan, done: Sequence[int], options: argparse.Namespace, about: 
 
 
 def write_part(part: str, chosen: Sequence[Experiment], out: Path, progress: Counter) -> Iterator[Path]:
-    """Write all output of a part, and yield the path of each file once it is written.
+    """Write all output of a part, and yield the path of each file once it is written. Raises TrainingError.
 
     Figures and tables show all experiments of the part whose runs are in the folder; otherwise one game's would replace
     those of another. Corrected games that are not chosen are shown if they were measured before.
 
-    chosen: The experiments to film. out: The output folder of the command. progress: Called with 1 after each long
-    task. Raises TrainingError: runs are missing, or a file cannot be written.
+    chosen: The experiments to film. progress: Called with 1 after each long task.
     """
     there = [each for each in experiments([part]) if each.results(out)]
     if part == MENDED:
