@@ -142,10 +142,8 @@ class Help(argparse.HelpFormatter):
         super().__init__(prog, max_help_position=28, width=width)
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
-        parts: list[str] = []
-        for line in text.splitlines():
-            parts.append(line if line.startswith(" ") or not line else super()._fill_text(line, width, indent))
-        return "\n".join(parts)
+        fill = super()._fill_text
+        return "\n".join(line if line[:1] in ("", " ") else fill(line, width, indent) for line in text.splitlines())
 
 
 def add_command(commands: Any, name: str, run: Callable[[argparse.Namespace], int | None]) -> Parser:

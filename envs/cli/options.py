@@ -37,13 +37,9 @@ CLUSTER = "without ADDRESS, on that of $RAY_ADDRESS, the one on this machine, or
 
 
 class Output(str):
-    """The path of a file or folder that a command writes.
+    """The path of a file or folder that a command writes."""
 
-    Attributes:
-        check: A function of the path that raises an error if it cannot be written.
-    """
-
-    check: Callable[[str], object]
+    check: Callable[[str], object]  # raises an error if the path cannot be written
 
 
 def output(check: Callable[[str], object]) -> Callable[[str], Output]:

@@ -23,19 +23,12 @@ START = b"\x93NUMPY\x01\x00"
 NUMBERS = re.compile(rb"{'descr': '([<>|][biuf][1248])', 'fortran_order': False, 'shape': \(([0-9, ]*)\), } *\n")
 # the errors that reading JSON of another form may raise: they are about the file, not about this process
 BROKEN_JSON = (ValueError, KeyError, TypeError, AttributeError, RecursionError, MemoryError)
-BROKEN_ZIP = (  # and those that reading a broken file of arrays may raise
-    *(*BROKEN_JSON, zipfile.BadZipFile, EOFError, OSError, OverflowError, struct.error),
-    *(NotImplementedError, RuntimeError),
-)
+# and those that reading a broken file of arrays may raise
+BROKEN_ZIP = (*BROKEN_JSON, zipfile.BadZipFile, EOFError, OSError, OverflowError, struct.error, RuntimeError)
 
 
 def read_bytes(path: str | os.PathLike[str], most: int = LARGEST_TEXT) -> bytes:
-    """Return the content of a file.
-
-    Raises:
-        ValueError: It has more than `most` bytes.
-        OSError: It cannot be read.
-    """
+    """Return the content of a file. Raises ValueError if it has more than `most` bytes, or OSError."""
     content = bytearray()
     with open(path, "rb") as file:
         while chunk := file.read(CHUNK):
@@ -48,9 +41,7 @@ def read_bytes(path: str | os.PathLike[str], most: int = LARGEST_TEXT) -> bytes:
 def read_text(path: str | os.PathLike[str], most: int = LARGEST_TEXT) -> str:
     """Return the text of a file in UTF-8, in which every line break is a line feed.
 
-    Raises:
-        ValueError: It has more than `most` bytes, or is not UTF-8 (then it is a UnicodeDecodeError).
-        OSError: It cannot be read.
+    Raises ValueError if it has more than `most` bytes or is not UTF-8 (UnicodeDecodeError), or OSError.
     """
     return io.TextIOWrapper(io.BytesIO(read_bytes(path, most)), encoding="utf-8").read()
 

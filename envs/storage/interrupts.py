@@ -30,9 +30,7 @@ def one_interrupt(seconds: float = math.inf) -> Iterator[list[float]]:
 
     A second one is usual on clusters, which signal a command and its processes, while the command signals these, too.
     Nothing changes outside of the main thread, where Ctrl-C is ignored, or if the caller's own handler raises nothing.
-
-    Yields:
-        The time after an interrupt in which further ones are ignored, seconds, in a list, in which it can be changed.
+    Yields the seconds after an interrupt in which further ones are ignored, in a list, in which they can be changed.
     """
     before: Any = signal.getsignal(signal.SIGINT)
     pause, came = [seconds], list[float]()
@@ -52,11 +50,7 @@ def one_interrupt(seconds: float = math.inf) -> Iterator[list[float]]:
 
 @contextlib.contextmanager
 def left_whole() -> Iterator[contextlib.ExitStack]:
-    """Leave all contexts of a stack completely: a Ctrl-C during that waits, and a second one is dropped.
-
-    Yields:
-        The stack, whose contexts are left at the end.
-    """
+    """Yield a stack, whose contexts are left completely: a Ctrl-C during that waits, and a second one is dropped."""
     with one_interrupt(A_MOMENT) as pause, contextlib.ExitStack() as last, contextlib.ExitStack() as stack:
         try:
             yield stack
@@ -70,9 +64,7 @@ def stops_as_ctrl_c() -> Iterator[list[int]]:
     """Treat SIGTERM and SIGHUP as Ctrl-C: schedulers of clusters, and closed terminals, send them to stop a process.
 
     Nothing changes outside of the main thread, or for a signal that the caller handles or ignores, as nohup does.
-
-    Yields:
-        The signals received so far.
+    Yields the signals received so far.
     """
     came: list[int] = []
     free = [number for number in _numbers("SIGTERM", "SIGHUP") if signal.getsignal(number) is signal.SIG_DFL]
@@ -95,10 +87,8 @@ def stops_as_ctrl_c() -> Iterator[list[int]]:
 def save_requests() -> Iterator[list[int]]:
     """Collect SIGUSR1, which requests a checkpoint and otherwise ends the process.
 
-    Nothing changes outside of the main thread, if the caller has a handler of its own, or without SIGUSR1.
-
-    Yields:
-        The signals received so far, except in a context inside this one.
+    Nothing changes outside of the main thread, if the caller has a handler of its own, or without SIGUSR1. Yields the
+    signals received so far, except in a context inside this one.
     """
     free = [each for each in _numbers("SIGUSR1") if isinstance(signal.getsignal(each), signal.Handlers | _Collected)]
     with _handled(free, came := _Collected()):

@@ -37,21 +37,16 @@ def kept_file(file: str, sha256: str, what: str) -> Path:
         return _downloaded(f"{address.rstrip('/')}/{quote(file)}", file, sha256, what)
     if "://" in address and scheme != "file":
         raise UsageError(f"{what}: {ADDRESS} is {address!r}: an address of http, https or file is needed, or a folder")
-    folder = Path(url2pathname(path)) if scheme == "file" else Path(address)
-    return _checked(folder.expanduser() / file, sha256, what)
-
-
-def _checked(path: Path, sha256: str, what: str) -> Path:
-    """Return the path, if that file has the checksum. Raises UsageError."""
+    found = (Path(url2pathname(path)) if scheme == "file" else Path(address)).expanduser() / file
     try:
-        content = path.read_bytes()
+        content = found.read_bytes()
     except OSError as error:
         cure = f"set {ADDRESS} to a folder or an address with outlast's results"
-        raise UsageError(f"{what}: {path} cannot be read ({error.strerror}): {cure}") from error
+        raise UsageError(f"{what}: {found} cannot be read ({error.strerror}): {cure}") from error
     if hashlib.sha256(content).hexdigest() != sha256:
         cure = "restore it; a policy that is named by its path plays as it is"
-        raise UsageError(f"{what}: {path} is not the file that was kept, by its checksum: {cure}")
-    return path
+        raise UsageError(f"{what}: {found} is not the file that was kept, by its checksum: {cure}")
+    return found
 
 
 def _published(what: str) -> str:

@@ -45,16 +45,8 @@ def check_file(
 ) -> Path:
     """Return the path of a file or folder, after checking that it can be written. Leaves no file there.
 
-    Args:
-        path: Where it goes.
-        what: Its content, in the plural, for messages: "events".
-        error: The class of errors.
-        endings: Endings of its name that are allowed; empty: all.
-        new: Whether it must not exist yet.
-
-    Raises:
-        error: It has another ending, exists although it must be `new`, is a folder, its folder does not exist, or
-            nothing can be written there.
+    what: its content, in the plural, for messages: "events". endings: those of its name that are allowed; empty: all.
+    Raises `error` if it has another ending, exists although it must be `new`, is a folder, or cannot be written.
     """
     target = Path(path)
     if endings and target.suffix not in endings:
@@ -75,11 +67,7 @@ def check_file(
 
 
 def check_folder(path: str | os.PathLike[str], error: type[Exception]) -> Path:
-    """Return the path of a folder, after checking that it is writable, or can be created with its parents.
-
-    Raises:
-        error: It is a file, or is not writable.
-    """
+    """Return the path of a folder that is writable, or can be created with its parents; or raise `error`."""
     target = Path(path)
     try:
         around = next(each for each in (target, *target.absolute().parents) if each.exists() or each.is_symlink())
@@ -118,39 +106,31 @@ def remove(path: Path) -> None:
         shutil.rmtree(path, ignore_errors=True)
     else:
         with contextlib.suppress(OSError):
-            _patiently(lambda: path.unlink(missing_ok=True))
+            _patiently(lambda: path.unlink(missing_ok=True), path)
 
 
 def replace(path: Path, target: Path) -> None:
     """Move a file or folder to the target and replace that.
 
     Windows refuses this while another process has the target open, as `outlast watch` has the checkpoint that it reads.
-
-    Raises:
-        OSError: It cannot be moved; on Windows, after PATIENCE seconds.
+    Raises OSError, in that case after PATIENCE seconds.
     """
-    try:
-        _patiently(lambda: os.replace(path, target))
-    except PermissionError as error:
-        if not _is_open_elsewhere(error):
-            raise
-        raise PermissionError(error.errno, f"{error.strerror}; another program has it open", str(target)) from error
+    _patiently(lambda: os.replace(path, target), target)
 
 
-def _patiently(act: Callable[[], None]) -> None:
+def _patiently(act: Callable[[], None], path: Path) -> None:
     """Act on a file; on Windows, retry for a while if another process has it open."""
     end = time.monotonic() + PATIENCE
     while True:
         try:
             return act()
         except PermissionError as error:
-            if not _is_open_elsewhere(error) or time.monotonic() > end:
+            if getattr(error, "winerror", None) not in SHARED:
                 raise
+            if time.monotonic() > end:
+                reason = f"{error.strerror}; another program has it open"
+                raise PermissionError(error.errno, reason, str(path)) from error
             time.sleep(0.05)
-
-
-def _is_open_elsewhere(error: PermissionError) -> bool:
-    return getattr(error, "winerror", None) in SHARED
 
 
 @contextlib.contextmanager
@@ -160,13 +140,8 @@ def atomic_write(target: Path, *, new: bool = False) -> Iterator[Path]:
     Otherwise it is removed. If the target is a link, its target is replaced. If the target is neither a file nor
     a folder, such as a device, it is written to directly.
 
-    Args:
-        target: Where the file or folder goes.
-        new: Whether the target was not there before; if another process has written it, it is not replaced.
-
-    Raises:
-        FileExistsError: Another process has written a `new` target. The new content is kept as NAME-2;
-            the message has that name.
+    new: Whether the target was not there before. If another process has written it, it is not replaced: the content is
+    kept as NAME-2, and FileExistsError has that name.
     """
     if target.exists() and not target.is_file() and not target.is_dir():
         yield target
@@ -227,11 +202,7 @@ class FolderLock:
         """Create the folder if it is missing, lock it, and remove temporary files of killed processes.
 
         Files that another process may be writing are kept: those that `writes` does not match, and without locks all of
-        them, unless they are old.
-
-        Raises:
-            BlockingIOError: Another process, or another FolderLock of this process, has locked it.
-            OSError: It cannot be created, or is not writable.
+        them, unless they are old. Raises BlockingIOError if another process or FolderLock has locked it, or OSError.
         """
         self.folder.mkdir(parents=True, exist_ok=True)
         if not self._lock():
