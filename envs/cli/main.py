@@ -127,25 +127,18 @@ def complete(options: argparse.Namespace, commands: Any = None) -> None:
     """
     import shtab  # here, as no other command needs it
 
+    words: dict[str, Collection[str]] = {"variant": [*VARIANTS, *installed()], "layout": GENERATORS}
+    words |= dict.fromkeys(("policy", "policies", "others", "opponents"), POLICIES)
     commands.help = ""  # shtab leaves out what help does
     for name, about in summaries(commands).items():
         command = commands.choices[name]
         command.description = about  # which shells show in a line
         for action in command._actions:
-            if words := _words_of(action):
-                action.complete = _words_or_files(words)
+            if action.dest in words:  # it can also be a file
+                action.complete = _words_or_files(words[action.dest])
             elif action.choices is None and (action.metavar in FILES or action.dest in ("file", "out")):
                 action.complete = shtab.FILE
     print(shtab.complete(commands.top, options.shell))
-
-
-def _words_of(action: argparse.Action) -> Collection[str]:
-    """Return the words that an argument or the value of an option can be where it can also be a file; () for others."""
-    if action.dest == "variant":
-        return [*VARIANTS, *installed()]
-    if action.dest in ("policy", "policies", "others", "opponents"):
-        return POLICIES
-    return GENERATORS if action.dest == "layout" else ()
 
 
 def _words_or_files(words: Collection[str]) -> dict[str, Any]:

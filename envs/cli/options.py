@@ -33,7 +33,6 @@ SIGNALLED = 128  # beside the number of the signal that ended a process: its exi
 STDOUT = "-"  # as the name of a file
 STOPPED = SIGNALLED + signal.SIGINT
 READ = ("file", "beside", "layout")  # options and arguments that may name files to be read
-CLUSTER = "without ADDRESS, on that of $RAY_ADDRESS, the one on this machine, or a new one here"
 
 
 class Output(str):
@@ -58,9 +57,7 @@ def output(check: Callable[[str], object]) -> Callable[[str], Output]:
 def check_files(options: argparse.Namespace) -> None:
     """Check everything that a command is going to write, before it does anything.
 
-    Raises:
-        UsageError: Two options name one file, of which at least one is to be written.
-        OutlastError: One cannot be written.
+    Raises OutlastError: one cannot be written, or two options name one file, of which one is to be written.
     """
     found: dict[str, str] = {}
     outputs = {name: given for name, given in vars(options).items() if isinstance(given, Output)}

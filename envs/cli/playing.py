@@ -42,7 +42,6 @@ from ..text_table import text_table
 from ..web.pages import checked, replay_page
 from .grammar import Parser, add_command
 from .options import (
-    CLUSTER,
     STDOUT,
     STOPPED,
     add_import,
@@ -77,7 +76,8 @@ def add(commands: Any) -> None:
     files.add_argument("--json", type=_summary_file, metavar="FILE", help=text)
     files.add_argument("--log-deaths", action="store_true", help="print a line for every death, on standard error")
     add_quiet(command)
-    text = f"play on the Ray cluster at ADDRESS; {CLUSTER} (default: no cluster)"
+    text = "play on the Ray cluster at ADDRESS; without ADDRESS, on that of $RAY_ADDRESS, the one on this machine, or "
+    text += "a new one here (default: no cluster)"
     command.group(MACHINE).add_argument("--ray", nargs="?", const="", metavar="ADDRESS", help=text)
 
     command = add_command(commands, "frames", draw_frames)

@@ -330,8 +330,7 @@ class Replay:
         different = np.flatnonzero(self._digests.compute(number) != expected)
         if not different.size:
             return
-        names = [self._digests.names[k] for k in different]
-        span = self._digests.span(number)
+        names, span = [self._digests.names[k] for k in different], self._digests.span(number)
         which = f" (worlds {span.start} to {span.stop - 1})" if self._digests.turns > 1 else ""
         header = self.recording.header
         raise ReplayError(
