@@ -173,14 +173,11 @@ def _checksum(content: bytes) -> bytes:
 def read_header(file: BinaryIO, path: str, chunk: Chunk) -> dict[str, Any]:
     """Return the description of a recording, in which all values have valid types. Raises RecordingError otherwise."""
     content, _ = read_content(file, path, chunk, MAX_HEADER)
-    try:
+    with contextlib.suppress(*inputs.BROKEN_JSON):
         header = json.loads(content)
-        valid = _is_header(header)
-    except inputs.BROKEN_JSON:
-        valid = False
-    if not valid:
-        raise RecordingError(f"{path} is not a recording: its header does not describe a recording")
-    return dict(header)
+        if _is_header(header):
+            return dict(header)
+    raise RecordingError(f"{path} is not a recording: its header does not describe a recording")
 
 
 def _is_header(header: Any) -> bool:
@@ -271,8 +268,8 @@ class TickRecord:
     @property
     def nbytes(self) -> int:
         """Return its bytes before packing."""
-        thought = 0 if self.policy is None else self.policy.nbytes
-        return self.mode.nbytes + self.codes.nbytes + self.keys.nbytes + self.digest.nbytes + 4 + thought
+        parts = self.mode, self.codes, self.keys, self.digest, self.policy
+        return sum(part.nbytes for part in parts if part is not None) + 4
 
 
 def encode_ticks(records: Sequence[TickRecord], form: TickFormat) -> tuple[bytes, bytes]:
