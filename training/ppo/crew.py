@@ -29,60 +29,41 @@ LOST = 75  # exit status of a process whose only fault is that it lost another o
 
 
 class Crew:
-    """The processes that train together; here only one, so sums do not change and nothing is sent.
+    """The processes that train together. A process alone sends nothing.
 
     rank: The number of this process; the first, 0, is the one that logs and writes files. size: Number of
     processes.
     """
 
-    def __init__(self, rank: int = 0, size: int = 1) -> None:
+    def __init__(
+        self, rank: int = 0, size: int = 1, host: str = HOST, store: Any = None, others: "Others | None" = None
+    ) -> None:
+        """Create a member, which joins the others when it first sends a message.
+
+        host: The address at which the others reach this process. store: Store where the processes find each other.
+        others: The processes that this one has started.
+        """
         self.rank, self.size = rank, size
+        self._host, self._store, self._others = host, store, others
+        self._joined: Any = None  # the group of processes
 
     def share(self, count: int) -> range:
         """Return the range of this process among `count` worlds."""
         return range(count * self.rank // self.size, count * (self.rank + 1) // self.size)
 
     def sum(self, tensors: Sequence[Tensor]) -> None:
-        """Replace tensors, of one type, by their sums over all processes."""
-
-    def gather(self, array: Array, axis: int = 0) -> Array:
-        """Return the arrays of all processes, joined along an axis in order of rank."""
-        return array
-
-    def gather_values(self, own: Any) -> list[Any]:
-        """Return the values of all processes: numbers, texts, lists and dicts of these (tuples become lists)."""
-        return [own]
-
-    @contextlib.contextmanager
-    def first_ahead(self) -> Iterator[None]:
-        """Yield a context that the first process goes through before all others: it compiles, they load."""
-        yield
-
-    def close(self) -> None:
-        """Leave the others; the first process stops them."""
-
-
-class CrewProcess(Crew):
-    """One of several processes."""
-
-    def __init__(self, rank: int, size: int, host: str, store: Any, others: "Others | None" = None) -> None:
-        """Create a member; it joins the others when it first sends a message.
-
-        host: The address at which the others reach this process. store: Store where the processes find each other.
-        others: The processes that this one has started.
-        """
-        super().__init__(rank, size)
-        self._host, self._store, self._others, self._joined = host, store, others, None
-
-    def sum(self, tensors: Sequence[Tensor]) -> None:
-        """Send them as one tensor, with one message each way; tensors of a GPU are sent through the CPU."""
+        """Replace tensors, of one type, by their sums over all processes; those of a GPU are sent through the CPU."""
+        if self.size == 1:
+            return
         flat = torch.cat([tensor.detach().flatten() for tensor in tensors]).cpu()
         self._run(lambda group: group.allreduce([flat]))
         for tensor, total in zip(tensors, torch.split(flat, [tensor.numel() for tensor in tensors]), strict=True):
             tensor.copy_(total.view_as(tensor))
 
     def gather(self, array: Array, axis: int = 0) -> Array:
-        """Send them as bytes, padded to the length of the longest."""
+        """Return the arrays of all processes, joined along an axis in order of rank."""
+        if self.size == 1:
+            return array
         rows = np.ascontiguousarray(np.moveaxis(array, axis, 0))
         lengths = self._gather(np.array([len(rows)], np.int64).view(np.uint8)).view(np.int64)[:, 0]
         each = rows.itemsize * math.prod(rows.shape[1:])  # bytes of a row
@@ -93,21 +74,23 @@ class CrewProcess(Crew):
         return np.moveaxis(joined, 0, axis)
 
     def gather_values(self, own: Any) -> list[Any]:
-        """Send them as JSON, so that received data is never executed."""
-        lines = self.gather(np.frombuffer(f"{json.dumps(own)}\n".encode(), np.uint8)).tobytes().splitlines()
-        return [json.loads(line) for line in lines]
+        """Return the values of all processes: numbers, texts, lists and dicts of these (tuples become lists)."""
+        if self.size == 1:
+            return [own]
+        sent = f"{json.dumps(own)}\n".encode()  # received data is never executed
+        return [json.loads(line) for line in self.gather(np.frombuffer(sent, np.uint8)).tobytes().splitlines()]
 
     @contextlib.contextmanager
     def first_ahead(self) -> Iterator[None]:
-        """Make the others wait for a message from the first."""
+        """Yield a context that the first process goes through before all others: it compiles, they load."""
         if self.rank:
             self._gather(np.zeros(1, np.uint8))
         yield
-        if not self.rank:
+        if not self.rank and self.size > 1:
             self._gather(np.zeros(1, np.uint8))
 
     def close(self) -> None:
-        """Leave the others, and stop those that this process has started."""
+        """Leave the others; the first process stops them."""
         self._joined = None
         if self._others is not None:
             self._others.stop()
@@ -119,14 +102,17 @@ class CrewProcess(Crew):
         return found.numpy()
 
     def _run(self, begin: Callable[[Any], Any]) -> None:
-        """Run a collective operation of all processes. Raises TrainingError if one is lost."""
+        """Run a collective operation of PyTorch's gloo over TCP. Raises TrainingError if a process is lost."""
         try:
             if self._joined is None:
                 if self._others is not None:
                     self._others.wait()
                 else:
                     self._store.set(JOINS.format(self.rank), "")
-                self._joined = _group(self._store, self.rank, self.size, self._host)
+                options = dist.ProcessGroupGloo._Options()  # type: ignore[attr-defined]
+                options._devices = [dist.ProcessGroupGloo.create_device(hostname=self._host)]
+                options._timeout = TIMEOUT
+                self._joined = dist.ProcessGroupGloo(self._store, self.rank, self.size, options)
             begin(self._joined).wait()
         except RuntimeError as error:
             reason = self._others.reason() if self._others is not None else ""
@@ -147,19 +133,27 @@ class Others:
                 raise TrainingError(self.reason(), lost=True)
             time.sleep(POLL)
 
-    def reported(self) -> str:
-        """Return the error that one of them reports; "" if none does."""
-        for rank in range(1, self.size):
-            if self.store.check([WRONG.format(rank)]):
-                return f"process {rank + 1} of {self.size}: {self.store.get(WRONG.format(rank)).decode()}"
+    def reason(self) -> str:
+        """Return the error that one of them reports, or how it ended; "" if none has failed. May wait for GRACE."""
+        end = time.monotonic() + GRACE
+        while time.monotonic() < end:
+            for find in (self.reported, self.fault):
+                for rank in range(1, self.size):
+                    if found := find(rank):
+                        return f"process {rank + 1} of {self.size}{self.reported(rank) or found}"
+            time.sleep(POLL)
         return ""
+
+    def reported(self, rank: int) -> str:
+        """Return the error that a process reports; "" if it does not."""
+        return f": {self.store.get(WRONG.format(rank)).decode()}" if self.store.check([WRONG.format(rank)]) else ""
 
     def ended(self) -> bool:
         """Return whether one of them has ended."""
         raise NotImplementedError
 
-    def reason(self) -> str:
-        """Return the error that one of them reports, or how it ended; "" if none has failed. May wait for GRACE."""
+    def fault(self, rank: int) -> str:
+        """Return how a process ended, and the cure; "" if it runs, or has only lost another one."""
         raise NotImplementedError
 
     def stop(self) -> None:
@@ -185,20 +179,15 @@ class Children(Others):
         """See Others."""
         return any(not process.is_alive() for process in self.processes)
 
-    def reason(self) -> str:
+    def fault(self, rank: int) -> str:
         """See Others."""
-        end = time.monotonic() + GRACE
-        while time.monotonic() < end:
-            if error := self.reported():
-                return error
-            for rank, process in enumerate(self.processes, 1):
-                if not process.is_alive() and (code := process.exitcode or 0) != LOST:
-                    how = f"was ended by signal {-code}" if code < 0 else f"ended with status {code}"
-                    imported = code < 0 or self.store.check([BEGUN.format(rank)])
-                    cure = "; continue with --resume" if imported else f" before it began to train: {GUARD}"
-                    return self.reported() or f"process {rank + 1} of {self.size} {how}{cure}"
-            time.sleep(POLL)
-        return ""
+        process = self.processes[rank - 1]
+        if process.is_alive() or (code := process.exitcode or 0) == LOST:
+            return ""
+        how = f" was ended by signal {-code}" if code < 0 else f" ended with status {code}"
+        imported = code < 0 or self.store.check([BEGUN.format(rank)])
+        cure = "; continue with --resume" if imported else f" before it began to train: {GUARD}"
+        return how + cure
 
     def stop(self) -> None:
         """Kill them: they own no files, and may be waiting for each other."""
@@ -217,7 +206,7 @@ def recruit(size: int, work: Callable[..., None], *arguments: Any) -> Crew:
     if size == 1:
         return Crew()
     store = listening(HOST)
-    return CrewProcess(0, size, HOST, store, Children(size, work, arguments, store))
+    return Crew(0, size, HOST, store, Children(size, work, arguments, store))
 
 
 def listening(host: str) -> Any:
@@ -234,7 +223,7 @@ def join(rank: int, size: int, host: str, first: str, port: int, work: Callable[
     """
     store = dist.TCPStore(first, port, is_master=False)  # type: ignore[attr-defined]
     store.set(BEGUN.format(rank), "")
-    crew = CrewProcess(rank, size, host, store)
+    crew = Crew(rank, size, host, store)
     try:
         work(crew, *arguments)
     except Exception as error:
@@ -245,14 +234,6 @@ def join(rank: int, size: int, host: str, first: str, port: int, work: Callable[
         raise SystemExit(1) from None
     finally:
         crew.close()
-
-
-def _group(store: Any, rank: int, size: int, host: str) -> Any:
-    """Return the group that messages are sent in: PyTorch's gloo over TCP, among the processes of the store."""
-    options = dist.ProcessGroupGloo._Options()  # type: ignore[attr-defined]
-    options._devices = [dist.ProcessGroupGloo.create_device(hostname=host)]
-    options._timeout = TIMEOUT
-    return dist.ProcessGroupGloo(store, rank, size, options)
 
 
 class Tasks(Others):
@@ -267,19 +248,14 @@ class Tasks(Others):
         """See Others."""
         return bool(self.ray.wait(self.tasks, timeout=0)[0])
 
-    def reason(self) -> str:
+    def fault(self, rank: int) -> str:
         """See Others."""
-        self.ray.wait(self.tasks, timeout=GRACE)  # until the first of them ends
-        if wrong := self.reported():
-            return wrong
-        for rank, task in enumerate(self.tasks, 1):
-            try:
-                self.ray.get(task, timeout=0)
-            except self.ray.exceptions.GetTimeoutError:  # it still runs
-                continue
-            except self.ray.exceptions.RayError as error:
-                wrong = f"was lost ({type(error).__name__})"
-                return f"process {rank + 1} of {self.size} {wrong}; continue with --resume"
+        try:
+            self.ray.get(self.tasks[rank - 1], timeout=0)
+        except self.ray.exceptions.GetTimeoutError:  # it still runs
+            return ""
+        except self.ray.exceptions.RayError as error:
+            return f" was lost ({type(error).__name__}); continue with --resume"
         return ""
 
     def stop(self) -> None:
@@ -307,7 +283,7 @@ def recruit_on_cluster(address: str, size: int, work: Callable[..., None], *argu
         run = ray.remote(num_cpus=1, max_retries=0)(_join_from_worker)
         given = (outlast.__version__, here, store.port, work, *arguments)
         tasks = [run.remote(rank, size, *given) for rank in range(1, size)]
-        return CrewProcess(0, size, here, store, Tasks(ray, tasks, store, opened.pop_all()))
+        return Crew(0, size, here, store, Tasks(ray, tasks, store, opened.pop_all()))
 
 
 def _join_from_worker(rank: int, size: int, version: str, first: str, port: int, work: Any, *arguments: Any) -> None:

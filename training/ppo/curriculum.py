@@ -52,13 +52,10 @@ class TrainingProgress:
 
 
 class Curriculum:
-    """The levels that episodes of a run are drawn from.
-
-    levels: The last levels that the function returned; at first one in which everything is drawn.
-    """
+    """The levels that episodes are drawn from: those that the function returned last; at first, all is drawn."""
 
     def __init__(self, choose: Choose, env: SurvivalVectorEnv) -> None:
-        """choose: Called before the first rollout, and after each one. env: Worlds like those of training.
+        """Take a function, called before the first rollout and after each one, and worlds like those of training.
 
         Raises TrainingError if the scenario has no levels, since it does not draw numbers, walls or roles.
         """
@@ -86,8 +83,7 @@ class Curriculum:
     def deal(self, env: SurvivalVectorEnv, where: Array, keys: Array) -> None:
         """Give levels to the worlds `where`, bool (worlds,), whose next episode is about to begin.
 
-        keys: The keys of these worlds, uint64 (some worlds, 3), by which levels are drawn. A level without a key gets
-        the key of its world, also when a resumed run plays in new worlds.
+        keys: uint64 (some worlds, 3), by which levels are drawn; a level without a key gets that of its world.
         """
         words = hashed(STREAM, *keys.T)
         drawn = ((words >> np.uint64(11)) * 2.0**-53 * len(self.levels)).astype(int)
@@ -95,7 +91,7 @@ class Curriculum:
         env.set_levels([Level(level.numbers, level.key or tuple(own)) for level, own in dealt], where)
 
     def state(self) -> str:
-        """Return the levels as text, for resuming a run."""
+        """Return the levels as text."""
         return json.dumps(encoded(self.levels))
 
     def restore(self, given: Any) -> None:
@@ -107,10 +103,9 @@ class Curriculum:
 
 
 def joined(ended: Iterable[Ended], env: SurvivalVectorEnv) -> tuple[list[Level], dict[str, Array]]:
-    """Return levels and statistics of episodes, in the order in which they ended, for any division among processes.
+    """Return levels and statistics of episodes in the order in which they ended, for any division among processes.
 
-    ended: The episodes, in any order. env: Worlds like theirs; they define the statistics, even if no episode has
-    ended.
+    env: Worlds like theirs, which define the statistics, even if no episode has ended.
     """
     ordered = sorted(ended, key=lambda each: each[:2])
     none = statistics(env.worlds, np.zeros(env.num_worlds, bool))

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -21,6 +21,17 @@ from .loss import ALWAYS, Loss, evaluated, imitation_loss, ppo_loss
 from .minibatches import Batch, Minibatch, Samples
 from .rollout import Rollout
 
+Array = np.ndarray[Any, Any]
+Parts = Iterable[list[Tensor] | None]
+Shared = Callable[[Callable[[int], list[Tensor] | None], Iterable[int]], Parts]
+CPU = torch.device("cpu")
+SHARE = 2048  # samples of a minibatch that are computed at once; for fewer, calls cost more than sums
+KL_STOP = 1.5  # times target_kl, as in Stable-Baselines3
+OUR_LOSSES: tuple[Loss, ...] = ppo_loss, imitation_loss  # nothing in them waits for a GPU
+ADAM: dict[str, Any] = {"fused": True, "amsgrad": False, "maximize": False, "weight_decay": 0.0}
+ADAM |= {"beta1": 0.9, "beta2": 0.999, "eps": 1e-5}  # eps, added to the root of the second moment: Stable-Baselines3's
+NAMES = "step", "exp_avg", "exp_avg_sq"  # entries of a parameter's moments
+SUMS = 1e-3  # tolerance between the loss of a minibatch and the sum of its shares' losses, relative to these
 MOST = 64  # shapes remembered, with or without a graph
 Gradients = tuple[Tensor, Sequence[Tensor]]
 Compute = Callable[[Minibatch], Gradients]
@@ -36,26 +47,24 @@ class Captured:
 
 
 class GraphedGradients:
-    """The figures and gradients of minibatches of Rows: one CUDA graph for each shape.
+    """The figures and gradients of minibatches of Rows on a GPU: one CUDA graph for each shape.
 
-    A minibatch takes about 250 kernels, and a GPU runs them in less time than a CPU needs to launch them. A graph is
-    launched at once, but its shapes are fixed. Few graphs are enough, as lists of rows are padded to few lengths. New
-    shapes get no graph yet: capturing one takes longer than computing without it.
+    A GPU runs the 250 kernels of a minibatch in less time than a CPU needs to launch them. A graph is launched at once,
+    but has fixed shapes; lists of rows are padded to few lengths, so few graphs are enough. A shape gets its graph when
+    it comes again, as capturing takes longer than computing.
     """
 
     def __init__(self, device: torch.device) -> None:
-        """Capture on `device`, a GPU."""
         self.device, self.graphs = device, dict[Any, Captured | None]()
         self.memory = torch.cuda.graph_pool_handle()  # shared by all graphs, as they run one after the other
 
     def __call__(self, compute: Compute, batch: Minibatch) -> Gradients:
-        """Compute the figures and gradients of a minibatch. The next call overwrites the gradients.
+        """Compute the figures and gradients of a minibatch, of which the next call overwrites the gradients.
 
-        compute: Computes the figures of a minibatch and the gradients of all parameters. It must always be the same
-        function, and must not wait for the GPU.
+        compute: Computes both. It must always be the same function, and must not wait for the GPU.
         """
         tensors = _batch_tensors(batch)
-        shapes = _rows(batch).room, *(each.shape for each in tensors)
+        shapes = cast(Rows, batch.seen).room, *(each.shape for each in tensors)
         met = shapes in self.graphs
         one = self.graphs.pop(shapes, None)
         with torch.cuda.device(self.device):
@@ -74,7 +83,7 @@ class GraphedGradients:
 
 
 def _capture(compute: Compute, batch: Minibatch, memory: Any) -> Captured:
-    """Capture a graph of a function of a minibatch. memory: The memory that all graphs share."""
+    """Capture a graph of a function of a minibatch. memory: Shared by all graphs."""
     here = torch.cuda.current_stream()
     side = torch.cuda.Stream()  # type: ignore[no-untyped-call]
     side.wait_stream(here)
@@ -90,12 +99,12 @@ def _capture(compute: Compute, batch: Minibatch, memory: Any) -> Captured:
 def _copy(batch: Minibatch) -> Minibatch:
     """Return a copy in separate memory, without cached results."""
     seen, rest = ({name: each.clone() for name, each in _named(one).items()} for one in (batch.seen, batch))
-    return replace(batch, seen=replace(_rows(batch), **seen), **rest)
+    return replace(batch, seen=replace(cast(Rows, batch.seen), **seen), **rest)
 
 
 def _batch_tensors(batch: Minibatch) -> list[Tensor]:
     """Return all tensors of a minibatch, in a fixed order."""
-    return [*_named(_rows(batch)).values(), *_named(batch).values()]
+    return [*_named(batch.seen).values(), *_named(batch).values()]
 
 
 def _named(one: Any) -> dict[str, Any]:
@@ -103,32 +112,12 @@ def _named(one: Any) -> dict[str, Any]:
     return {each.name: value for each in fields(one) if isinstance(value := getattr(one, each.name), Tensor)}
 
 
-def _rows(batch: Minibatch) -> Rows:
-    if not isinstance(batch.seen, Rows):
-        raise TypeError(f"minibatches must be of Rows, not of {type(batch.seen).__name__}")
-    return batch.seen
-
-
-Array = np.ndarray[Any, Any]
-Parts = Iterable[list[Tensor] | None]
-Shared = Callable[[Callable[[int], list[Tensor] | None], Iterable[int]], Parts]
-CPU = torch.device("cpu")
-SHARE = 2048  # samples of a minibatch that are computed at once; for fewer, calls cost more than sums
-KL_STOP = 1.5  # times target_kl, as in Stable-Baselines3
-OUR_LOSSES: tuple[Loss, ...] = ppo_loss, imitation_loss  # nothing in them waits for a GPU
-ADAM: dict[str, Any] = {"fused": True, "amsgrad": False, "maximize": False, "weight_decay": 0.0}
-ADAM |= {"beta1": 0.9, "beta2": 0.999, "eps": 1e-5}  # eps, added to the root of the second moment: Stable-Baselines3's
-NAMES = "step", "exp_avg", "exp_avg_sq"  # entries of a parameter's moments
-SUMS = 1e-3  # tolerance between the loss of a minibatch and the sum of its shares' losses, relative to these
-
-
 class Adam:
-    """Adam (Kingma and Ba, arXiv:1412.6980) with the usual rates of decay, by the functional form of torch.optim.
+    """Adam (Kingma and Ba, arXiv:1412.6980), by torch.optim's function.
 
     The class `torch.optim.Adam` imports PyTorch's compiler, which is not used here: 800 modules, 80 MB, seconds.
 
-    moments: Of each parameter, in order: steps taken, float32 without axes, and averages of gradients and of their
-    squares, like the parameter.
+    moments: Of each parameter: steps taken, float32 without axes, and averages of gradients and of their squares.
     """
 
     def __init__(self, parameters: Sequence[Tensor]) -> None:
@@ -141,7 +130,7 @@ class Adam:
 
     @torch.no_grad()
     def step(self, rate: float) -> None:
-        """Change the parameters by their gradients. rate: The learning rate."""
+        """Change the parameters by their gradients, at a learning rate."""
         gradients = [each.grad for each in self.parameters if each.grad is not None]
         steps, averages, squares = ([own[name] for own in self.moments] for name in NAMES)
         adam(self.parameters, gradients, averages, squares, [], steps, lr=rate, **ADAM)
@@ -154,12 +143,11 @@ class Adam:
 
 
 class Learner:
-    """A learner: trains a policy.
+    """A policy, and its training.
 
     Attributes:
         policy: The policy that plays and is saved, on the CPU.
-        trained: The policy whose gradients are computed: the same one or, on another device, a copy. `policy` is copied
-            to it when an update begins, and it is copied back when the update ends.
+        trained: The policy whose gradients are computed: the same one or, on another device, a copy during updates.
         epochs: Epochs begun so far, in all updates.
         figures: Names of the figures that the loss returns; () before its first call.
     """
@@ -176,9 +164,8 @@ class Learner:
     ) -> None:
         """Create a learner that trains a policy on a device by minimising a loss.
 
-        generator: Shuffles samples; on the CPU. number: The learner's number, which marks its samples, see
-        Rollout.learner. crew: Processes that train together. All have equal policies and generators, and form the same
-        minibatches; each computes gradients of its own samples.
+        generator: Shuffles samples; on the CPU. number: Marks its samples, see Rollout.learner. crew: Processes with
+        equal policies and generators, which form the same minibatches; each computes gradients of its own samples.
         """
         self.crew, self.loss, self.figures, self.agreed = crew or Crew(), loss, tuple[str, ...](), False
         self.policy, self.numbers, self.generator, self.number = policy, numbers, generator, number
@@ -199,10 +186,9 @@ class Learner:
     ) -> dict[str, float]:
         """Train on a rollout.
 
-        left: Share of the run that remains, for a learning rate that is annealed. on_epoch: Called with the number of
-        each epoch of this update as it begins. shared: Calls a function for each share of a minibatch, as `map` does,
-        maybe on several threads. Shares do not depend on the number of threads, so the sums of their gradients do not
-        either. Returns the values to log, by tag; empty if fewer than two samples are this learner's.
+        left, on_epoch: See Trainer.update. shared: Calls a function for each share of a minibatch, as `map` does, maybe
+        on several threads; shares, and the sums of their gradients, do not depend on the number of threads. Returns the
+        values to log, by tag; empty if fewer than two samples are this learner's.
         """
         chosen = np.flatnonzero(rollout.learner == self.number)
         if len(chosen) < 2:
@@ -212,22 +198,22 @@ class Learner:
         samples = Samples(rollout, self.number, self.policy, self.device)
         units, wanted = samples.units, max(1, round(len(chosen) / self.numbers.batch_size))
         batches = max(1, min(wanted, len(units) // 2))  # a single sample has no spread for the normalisation
-        found, steps, going = list[Tensor](), 0, True
-        for epoch in range(1, self.numbers.n_epochs + 1):
-            on_epoch(epoch)
-            self.epochs += 1
-            shuffled = units[torch.randperm(len(units), generator=self.generator, **INDEX)]
-            for part in shuffled.tensor_split(batches):
-                found.append(self._differentiate(samples, part, shared))
-                limit = KL_STOP * self.numbers.target_kl  # if it is 0, this does not wait for a GPU
-                going = not (limit and found[-1][ALWAYS.index("approx_kl")] > limit)
-                if not going:
-                    break
-                nn.utils.clip_grad_norm_(self.parameters, self.numbers.max_grad_norm)
-                self.optimizer.step(rate)
-                steps += 1
-            if not going:
+        limit = KL_STOP * self.numbers.target_kl  # if it is 0, the loop does not wait for a GPU
+
+        def parts() -> Iterator[Tensor]:
+            for epoch in range(1, self.numbers.n_epochs + 1):
+                on_epoch(epoch)
+                self.epochs += 1
+                yield from units[torch.randperm(len(units), generator=self.generator, **INDEX)].tensor_split(batches)
+
+        found, steps = list[Tensor](), 0
+        for part in parts():
+            found.append(self._differentiate(samples, part, shared))
+            if limit and found[-1][ALWAYS.index("approx_kl")] > limit:
                 break
+            nn.utils.clip_grad_norm_(self.parameters, self.numbers.max_grad_norm)
+            self.optimizer.step(rate)
+            steps += 1
         self._copy(self.trained, self.policy)
         means = zip(self.figures, torch.stack(found).double().mean(0).tolist(), strict=True)
         return {f"train/{name}": mean for name, mean in means} | {
@@ -239,8 +225,9 @@ class Learner:
     def _copy(self, source: Networks, target: Networks) -> None:
         """Copy one of the two policies to the other, including the scales of inputs."""
         if source is not target:
+            tensors = ((*policy.parameters(), *policy.buffers()) for policy in (source, target))
             with torch.no_grad():
-                for values, kept in zip(_tensors(source), _tensors(target), strict=True):
+                for values, kept in zip(*tensors, strict=True):
                     kept.copy_(values)
 
     def _differentiate(self, samples: Samples, part: Tensor, shared: Shared = map) -> Tensor:
@@ -298,16 +285,8 @@ class Learner:
             )
 
 
-def _tensors(policy: Networks) -> Iterator[Tensor]:
-    yield from policy.parameters()
-    yield from policy.buffers()
-
-
 def explained_variance(rollout: Rollout, chosen: Array) -> float:
-    """Return the share of the variance of returns that values explain: 1: all of it; NaN if returns do not vary.
-
-    Returns are sums of advantages and values, rounded to float32: variation within that rounding is ignored.
-    """
+    """Return the share of the variance of returns that values explain; NaN if returns do not vary, but for rounding."""
     returns, values = rollout.returns.ravel()[chosen], rollout.values.ravel()[chosen]
     rounding = float(np.finfo(np.float32).eps * max(np.abs(returns).max(), np.abs(values).max()))
     with np.errstate(over="ignore", invalid="ignore"):  # check_learned reports infinite losses

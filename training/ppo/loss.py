@@ -42,10 +42,7 @@ def imitation_loss(batch: Batch) -> tuple[Tensor, Figures]:
 
 
 def evaluated(loss: Loss, batch: Batch) -> tuple[Tensor, dict[str, Tensor]]:
-    """Return the loss of a batch, and the figures to log by name, those of ALWAYS first, all without axes.
-
-    Raises TrainingError: the loss returns another type.
-    """
+    """Return the loss of a batch, and the figures to log, ALWAYS first. Raises TrainingError for other results."""
     found: Any = loss(batch)
     total, own = found if isinstance(found, tuple) and len(found) == 2 else (found, {})
     if not (isinstance(total, Tensor) and total.ndim == 0 and total.requires_grad):

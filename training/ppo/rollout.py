@@ -22,7 +22,7 @@ from ..base.config import CHUNK, TrainingConfig
 from ..base.errors import TrainingError
 from ..base.metrics import BehaviourMetrics, EpisodeMetrics, Tallies
 from ..base.observation_layout import layout_of
-from ..base.presets import Form, Hyperparameters, Preset
+from ..base.presets import Form, Preset
 from ..policies import compiled_networks
 from ..policies.checkpoint import REST
 from ..policies.player import ActionNoise
@@ -45,7 +45,7 @@ class Rollout:
     own: Array  # float32 (steps, agents, layout.own), numbers that belong to no entity, as observed
     actions: Array  # int64 (steps, agents, actions)
     log_probs: Array  # float32, log-probabilities of the actions when they were chosen
-    values: Array  # float32, by the critic; of all processes. A lane leaves out those computed apart, see Collector
+    values: Array  # float32, by the critic; of all processes. networks apart compute them at the end
     rewards: Array  # float32
     later: Array  # float32, the value of the next observation, where an episode was truncated after the step; else 0
     ends: Array  # bool, whether the agent's next step does not count for this one, since its episode ends
@@ -63,39 +63,38 @@ class Rollout:
         """float32, targets of the values."""
         return self.advantages + self.values
 
-    def here(self, samples: torch.Tensor) -> tuple[torch.Tensor | None, torch.Tensor]:
-        """Find the samples of this process among some samples of all processes.
+    def here(self, samples: Tensor) -> tuple[Tensor | None, Tensor]:
+        """Return which of some samples of all processes are of this one, None for all; and their indices among its own.
 
-        samples: Indices of the samples, int64 (some,). Returns the positions in `samples` of this process's samples,
-        None if all are; and their indices among its own samples.
+        samples: Indices, int64 (some,).
         """
         agents, own = self.learner.shape[1], self.actions.shape[1]
         if own == agents:
             return None, samples
         step, agent = samples // agents, samples % agents - self.first
-        where = torch.nonzero((agent >= 0) & (agent < own)).flatten()
+        where = ((agent >= 0) & (agent < own)).nonzero().flatten()
         return where, (step * own + agent)[where]
 
 
 class RewardScale:
     """The running standard deviation of discounted sums of rewards, the divisor of rewards.
 
-    It makes the size of values and advantages about the same in all scenarios. After enough rollouts it moves slowly:
-    all older rollouts have at most MEMORY times the weight of the newest one.
+    It makes values and advantages about as large in all scenarios. All older rollouts together have at most MEMORY
+    times the weight of the newest one, so it moves slowly after a while.
     """
 
     MEMORY = 50.0
     LEAST = 1e-8  # below it the spread is negligible, and rewards are not scaled
 
     def __init__(self, agents: int, gamma: float) -> None:
-        """Allocate memory for a rollout. agents: Number of agents in all worlds. gamma: Discount of a step."""
+        """Begin. agents: Number of agents in all worlds. gamma: Discount of a step."""
         self.gamma, self.sums = gamma, np.zeros(agents)
         self.count, self.mean, self.variance = 0.0, 0.0, 1.0
 
     def update(self, rewards: Array, ends: Array) -> float:
-        """Add the rewards of a rollout, and return the standard deviation; 1 if that is below LEAST.
+        """Add the rewards of a rollout, float32 (steps, agents), and return the standard deviation; 1 below LEAST.
 
-        rewards: float32 (steps, agents). ends: bool (steps, agents), whether the sum is reset after the step.
+        ends: bool (steps, agents), whether the sum is reset after the step.
         """
         sums = np.empty(rewards.shape)
         for t, reward in enumerate(rewards):
@@ -109,8 +108,8 @@ class RewardScale:
         spread = math.sqrt(self.variance)
         return spread if spread >= self.LEAST else 1.0
 
-    def state(self) -> dict[str, torch.Tensor]:
-        """Return the state for a checkpoint: float64 tensors by name."""
+    def state(self) -> dict[str, Tensor]:
+        """Return the state for a checkpoint, as float64 tensors."""
         numbers = {"sums": self.sums, "count": self.count, "mean": self.mean, "variance": self.variance}
         return {name: torch.tensor(value, dtype=torch.float64, device="cpu") for name, value in numbers.items()}
 
@@ -122,10 +121,7 @@ class RewardScale:
             raise TrainingError(f"rewards {wrong}")
 
     def wrong(self, where: str = "") -> str:
-        """Name the number that is out of the bounds for a run, and the bounds; "" if none is.
-
-        where: Text after the name of the number.
-        """
+        """Name the number that is out of the bounds for a run, with `where`, and the bounds; "" if none is."""
         for name, value in self.state().items():
             low, high = (0.0, DEAREST**2) if name in ("count", "variance") else (-DEAREST, DEAREST)
             if not ((value >= low) & (value <= high)).all():
@@ -164,10 +160,13 @@ class AgentGroup(NamedTuple):
 
 
 class Lane:
-    """Some of the worlds, and their players.
+    """The worlds of this process, and their players.
 
-    `team` has the learner of each agent. In worlds for which an opponent is drawn, learners play one side and the
-    opponent all others. Opponents are drawn when an episode begins, by (seed, world, episode).
+    Opponents are drawn when an episode begins, by (seed, world, episode). Where one is drawn, learners play one side
+    and the opponent all others.
+
+    Networks and worlds take turns. Two alternatives were tried and are slower: halves of the worlds on two threads, and
+    stepping worlds while networks compute for others. Half of a step's time is Python's, which threads cannot share.
 
     Attributes:
         opponent: int (worlds,), the index of the opponent in each world, see OpponentPool.
@@ -175,10 +174,11 @@ class Lane:
         teacher: If not None, learners play, but the actions of this policy are stored, to be imitated.
         keys: uint64 (worlds, 3), seed, world and episode, by which levels and opponents are drawn. The worlds have the
             same keys, except where levels bring keys of their own.
-        played: The episodes that have ended since `open`, with a curriculum.
-        games: For each game against an opponent that has ended since then: the step, the opponent, and the share of the
+        scale: The scale of rewards, those of all processes.
+        played: With a curriculum, the episodes that have ended in this rollout.
+        games: For each game against an opponent that has ended in it: the step, the opponent, and the share of the
             other sides that the learners beat.
-        seen: What was observed in each step since then, by the form in which networks take it.
+        seen: What was observed in each step of it, by the form in which networks take it.
     """
 
     def __init__(
@@ -189,11 +189,12 @@ class Lane:
         team: Array,
         opponents: OpponentPool,
         curriculum: Curriculum | None,
+        crew: Crew,
     ) -> None:
         """Create a lane, in worlds that have been reset, in which the present selves play everywhere.
 
-        presets: Of the learners. team: int (agents of a world,). opponents: Who may play. curriculum: What levels are
-        drawn from; None: worlds draw theirs.
+        presets: Of the learners. team: int (agents of a world,), the learner of each agent. opponents: Who may play.
+        curriculum: What levels are drawn from; None: worlds draw theirs. crew: The processes that share the worlds.
         """
         self.curriculum, self.keys = curriculum, np.stack(key_of(env.worlds), 1)
         self.played, self.games = list[Ended](), list[tuple[int, int, float]]()
@@ -207,6 +208,8 @@ class Lane:
         self.teacher: Plain | None = None
         self._lists = VisibleRows(env._reader.views)
         self.agents, self._sides = env.num_worlds * env.num_agents, side(env.worlds)
+        self.numbers, self.crew, each = config.numbers, crew, crew.gather_values(self.agents)
+        self.first, self.scale = sum(each[: crew.rank]), RewardScale(sum(each), config.numbers.gamma)
         self.noise = ActionNoise(config.seed, env.worlds[Clock].world[:, 0], env.num_agents, len(env.action_sizes))
         self.episodes, self.behaviour = EpisodeMetrics(env), BehaviourMetrics(env)
         self.opponent, self.own = np.zeros(env.num_worlds, int), np.zeros(env.num_worlds, int)
@@ -216,8 +219,21 @@ class Lane:
         self.assign()
         self._draw(np.ones(env.num_worlds, bool))
 
-    def open(self, steps: int, policies: Sequence[Networks]) -> None:
-        """Allocate memory for the samples of `steps` steps, during which the learners' policies do not change."""
+    @torch.inference_mode()
+    def collect(self, policies: Sequence[Networks], steps: int, begun: int) -> Rollout:
+        """Continue to play for a number of steps of each world, and return the samples.
+
+        policies: Those of the learners. begun: Number of steps played in each world before.
+        """
+        self._open(steps, policies)
+        for t in range(steps):
+            self.take(t, self.env.step(self.act(t, begun + t, policies)), policies)
+        self.samples.last[:] = self._values(policies)
+        seen = {form: concatenated([each[form] for each in self.seen]) for form in self.seen[0]}
+        return self._completed(replace(self.samples, seen=seen), policies)
+
+    def _open(self, steps: int, policies: Sequence[Networks]) -> None:
+        """Allocate memory for the samples."""
         self.seen, self.games, self.played, shape, chunks = [], [], [], (steps, self.agents), -(-steps // CHUNK)
         memory, able = max(policy.memory for policy in policies), compiled_networks.able
         self.acting = {k: compiled_networks.Acting(policy) for k, policy in enumerate(policies) if able(policy)}
@@ -238,10 +254,9 @@ class Lane:
 
     @playing()
     def act(self, t: int, step: int, policies: Sequence[Networks]) -> Array:
-        """Choose the actions of a step, and store their inputs.
+        """Choose the actions of a step, int64 (worlds, agents, actions), and store their inputs.
 
-        t: The number of the step in the rollout. step: The number of the step in the run. policies: The policies of the
-        learners. Returns int64 (worlds, agents, actions).
+        t: The number of the step in the rollout. step: Its number in the run.
         """
         env, samples = self.env, self.samples
         seen, uniform = self.observe(), self.noise(step)
@@ -295,10 +310,7 @@ class Lane:
         return found
 
     def take(self, t: int, result: Any, policies: Sequence[Networks]) -> None:
-        """Store the result of a step, and begin the next episode in worlds whose episode has ended.
-
-        t: The number of the step in the rollout. policies: The policies of the learners.
-        """
+        """Store the result of step t, and begin the next episode in worlds whose episode has ended."""
         _, rewards, terminated, truncated, info = result
         env, samples, done = self.env, self.samples, terminated | truncated
         samples.rewards[t], samples.ends[t] = rewards.ravel(), np.repeat(done, env.num_agents)
@@ -323,6 +335,7 @@ class Lane:
     def restart(self) -> None:
         """Restart the running episodes, in the chosen levels; levels without a key keep the world's."""
         self._begin(np.ones(self.env.num_worlds, bool))
+        self.scale.sums[:] = 0
 
     def _begin(self, where: Array) -> None:
         """Begin the episodes of `keys` in the worlds `where`, bool (worlds,)."""
@@ -330,12 +343,6 @@ class Lane:
             self.curriculum.deal(self.env, where, self.keys[where])
         self.env.reset(options={"reset_mask": where})
         self._draw(where)
-
-    def close(self, policies: Sequence[Networks]) -> Rollout:
-        """Return the samples, completed by the values of the present observations."""
-        self.samples.last[:] = self._values(policies)
-        seen = {form: concatenated([each[form] for each in self.seen]) for form in self.seen[0]}
-        return replace(self.samples, seen=seen)
 
     def tallies(self) -> Tallies:
         """Return the measurements of the last closed rollout, by tag."""
@@ -345,11 +352,6 @@ class Lane:
         living = self.samples.alive.reshape(own.shape[:3])
         learns = self.samples.learner.reshape(own.shape[:3]) != NOBODY
         return self.episodes.tallies() | self.behaviour.tallies(layout.own_views(own), actions, living, learns)
-
-    @property
-    def rows(self) -> slice:
-        """The positions of its worlds among those of all processes."""
-        return slice(self.env.first_world, self.env.first_world + self.env.num_worlds)
 
     def state(self) -> dict[str, Array]:
         """Return the players and their memories by name, (worlds, ...), without the worlds themselves."""
@@ -443,47 +445,11 @@ class Lane:
         teams = {k: self.team if (team := self.pool.all[k].team) is None else team for k in np.unique(self.opponent)}
         number = np.where(theirs, [teams[k] for k in self.opponent], self.team).ravel()
         self.learner = np.where((index > 0) | (self._sides < 0).ravel(), NOBODY, number).astype(np.int16)
-        pairs = np.unique(np.stack([index, number], 1), axis=0)
-        self.groups = {(int(i), int(k)): self._group((index == i) & (number == k)) for i, k in pairs}
-
-    def _group(self, members: Array) -> AgentGroup:
-        index = torch.from_numpy(np.flatnonzero(members))
-        if members.all():
-            return AgentGroup(slice(None), index)
-        return AgentGroup(index.numpy(), index)
-
-
-class Collector:
-    """A collector that plays in the lane of this process and adds the results of other processes.
-
-    Networks and worlds take turns. Two alternatives were tried and are slower: halves of the worlds on two threads, and
-    stepping worlds while networks compute for others. Half of a step's time is Python's, which threads cannot share.
-
-    lane: The worlds of this process. scale: The scale of rewards, computed from those of all processes.
-    """
-
-    def __init__(self, lane: Lane, numbers: Hyperparameters, crew: Crew) -> None:
-        self.lane, self.numbers, self.crew = lane, numbers, crew
-        each = crew.gather_values(lane.agents)
-        self.first, self.scale = sum(each[: crew.rank]), RewardScale(sum(each), numbers.gamma)
-
-    def restart(self) -> None:
-        """Restart the episodes of all worlds, in the levels that were chosen."""
-        self.lane.restart()
-        self.scale.sums[:] = 0
-
-    @torch.inference_mode()
-    def collect(self, policies: Sequence[Networks], steps: int, begun: int) -> Rollout:
-        """Continue to play in the worlds, and return the samples.
-
-        policies: The policies of the learners. steps: Number of steps to play in each world. begun: Number of steps
-        played in each world before.
-        """
-        lane = self.lane
-        lane.open(steps, policies)
-        for t in range(steps):
-            lane.take(t, lane.env.step(lane.act(t, begun + t, policies)), policies)
-        return self._completed(lane.close(policies), policies)
+        self.groups = dict[tuple[int, int], AgentGroup]()
+        for i, k in np.unique(np.stack([index, number], 1), axis=0).tolist():
+            members = (index == i) & (number == k)
+            which = np.flatnonzero(members)
+            self.groups[i, k] = AgentGroup(slice(None) if members.all() else which, torch.from_numpy(which))
 
     def _completed(self, rollout: Rollout, policies: Sequence[Networks]) -> Rollout:
         """Return the samples with the advantages, and with what is of all processes."""

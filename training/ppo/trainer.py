@@ -26,7 +26,7 @@ from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.snapshots.state import State, read
 
-from ..arena.opponent_pool import OpponentPool, Plain, plain
+from ..arena.opponent_pool import OpponentPool, plain
 from ..base import policy_file
 from ..base.config import CODE, IMITATED, TrainingConfig, name_of
 from ..base.errors import TrainingError
@@ -42,10 +42,12 @@ from .crew import Crew
 from .curriculum import Curriculum, TrainingProgress, joined
 from .learner import Learner
 from .loss import imitation_loss, ppo_loss
-from .rollout import Collector, Lane, Rollout
+from .rollout import Lane, Rollout
 
 Array = np.ndarray[Any, Any]
 WORLD_THREADS = 4  # more do not help with the few worlds of a rollout
+LAST = 2**53  # maximum updates of an optimiser, which counts them in float32
+GENERATOR = 5056, 624  # bytes of the state of PyTorch's generator of random numbers, numbers drawn at once
 IMITATION = {"learning_rate": 2e-3, "anneal_lr": True, "batch_size": 1024, "n_epochs": 1, "target_kl": 0.0}
 LARGEST = 1e18  # the largest observation: float32 still holds its square
 LOSSES = ("train/value_loss", "train/policy_loss", "train/loss", "imitation/value_loss", "imitation/cross_entropy")
@@ -55,24 +57,23 @@ IMITATION_FIGURES = "cross_entropy", "value_loss", "entropy", "differs"  # the f
 class Trainer:
     """Learners, and the worlds that they play in.
 
+    PyTorch itself runs on one thread, as its own threads slow down networks this small.
+
     Attributes:
         team: int (agents of a world,), the number of the learner that plays each agent.
         learners: One for all agents, or one for each side or agent.
-        opponents: The pool of opponents.
         state: Numbers of the state of a world, if critics learn from it; otherwise 0.
         state_scale: Divisors of these numbers, float32 (state,).
-        curriculum: The source of levels, if a function chooses them; otherwise None.
         steps: Agent-steps collected so far, by all processes.
         played: The value of `steps` when the newest rollout began, which determines its annealed numbers.
-        threads: Threads of this process; PyTorch itself runs on one, as its own threads slow down networks this small.
-        crew: The processes that train together; `env` and `collector` have this one's share of the worlds.
+        crew: The processes that train together; `env` and `lane` have this one's share of the worlds.
     """
 
     def __init__(self, config: TrainingConfig, threads: int = 1, crew: Crew | None = None) -> None:
         """Create worlds and networks. Raises ScenarioError or TrainingError if that is impossible.
 
-        threads: Number of threads that share the worlds, up to WORLD_THREADS, and then the minibatches. crew: As many
-        processes as the config has; each creates a trainer of the same config, and calls the same methods in order.
+        threads: Share the worlds, up to WORLD_THREADS, and then the minibatches. crew: As many processes as the config
+        has; each creates a trainer of the same config, and calls the same methods in order.
         """
         self.config, self.preset, self.device = config, preset(config.preset), _device(config.device)
         self.crew, self.threads, self.steps, self.played, self.updates = crew or Crew(), threads, 0, 0, 0
@@ -114,8 +115,7 @@ class Trainer:
         if not self.opponents.alone and self.env.worlds.dims["sides"] < 2:
             raise TrainingError("opponents need a side of their own, but this game has one side: leave them out")
         self.curriculum = config.levels and Curriculum(config.levels, self.env)
-        self.lane = Lane(config, self.env, self.presets, self.team, self.opponents, self.curriculum)
-        self.collector = Collector(self.lane, config.numbers, self.crew)
+        self.lane = Lane(config, self.env, self.presets, self.team, self.opponents, self.curriculum, self.crew)
         for policy, kind in zip(self.policies, self.networks, strict=True):
             if kind is not None:
                 check_outputs(policy, self.lane.observe()[policy.preset.form])
@@ -137,9 +137,9 @@ class Trainer:
         if self.curriculum is not None and not self.steps:
             self._ask(self.curriculum)
             if any(level != Level() for level in self.curriculum.levels):
-                self.collector.restart()
+                self.lane.restart()
         begun = self.steps // (self.worlds * self.env.num_agents)
-        rollout = self.collector.collect(self.policies, self.rollout_steps, begun)
+        rollout = self.lane.collect(self.policies, self.rollout_steps, begun)
         self.opponents.record_all(self._everyones(lambda lane: lane.games))
         self.steps += rollout.learner.size
         if self.curriculum is not None:
@@ -147,7 +147,7 @@ class Trainer:
         return rollout
 
     def _ask(self, curriculum: Curriculum) -> None:
-        """Make the function choose the levels from which episodes are drawn from now on."""
+        """Let the function choose the levels of the next episodes."""
         seeds = self.config.seed, self.steps
         own = int(np.random.SeedSequence(seeds).generate_state(1)[0])
         played, statistics = joined(self.lane.played, self.env)
@@ -164,10 +164,7 @@ class Trainer:
         curriculum.take(curriculum.choose(progress))
 
     def policy_files(self, header: Mapping[str, Any]) -> dict[str, bytes]:
-        """Return the files of a checkpoint that a Player needs.
-
-        header: Further entries of run.json, see TrainingConfig.
-        """
+        """Return the files of a checkpoint that a Player needs. header: Further entries of run.json."""
         first = {"version": policy_file.VERSION, "steps": self.steps, "preset": self.preset.name}
         last = {
             "scenario": fingerprint(self.env.scenario),
@@ -195,7 +192,7 @@ class Trainer:
         """Train all learners on a rollout, and add them to the past selves every config.snapshots updates.
 
         left: Share of the run that remains, for a learning rate that is annealed. on_epoch: Called with the number of
-        each epoch as it begins. Returns the values to log, by tag; with several learners, the means over them.
+        each epoch as it begins. Returns the values to log by tag, means over the learners.
         """
         with ThreadPoolExecutor(self.threads, initializer=torch.set_num_threads, initargs=(1,)) as pool:
             shared = pool.map if self.threads > 1 else map
@@ -207,15 +204,12 @@ class Trainer:
         return means({tag: (value, 1.0) for tag, value in tags.items()} for tags in logged)
 
     def report(self) -> dict[str, float]:
-        """Return the values to log about the newest rollout by tag: episodes, behaviour, games against opponents."""
+        """Return the values to log about the newest rollout by tag."""
         numbers = {f"anneal/{each.name}": each.value(self.played, self.config.scenario) for each in self.config.anneal}
         return means(self._everyones(lambda lane: [lane.tallies()])) | self.opponents.report() | numbers
 
     def take_weights(self) -> None:
-        """Load the weights of the checkpoint that the config names, if any, into the policies.
-
-        Raises TrainingError: the checkpoint does not exist, or its networks differ.
-        """
+        """Load the weights of the checkpoint that the config names, if any. Raises TrainingError."""
         name, imitated = self.config.teacher
         if imitated or not name:
             return
@@ -245,14 +239,14 @@ class Trainer:
     def imitate(self, on_rollout: Callable[[int, dict[str, float]], None]) -> dict[str, float]:
         """Train the policies to imitate the teacher, if the config names one, while they play as in the run.
 
-        They learn the teacher's actions in the situations that they get into themselves, not in the teacher's (Ross,
-        Gordon and Bagnell, arXiv:1011.0686). Their critics learn the returns of that play. Afterwards, only the
-        optimisers are reset; learners and worlds have moved on. Games against opponents do not count.
+        They learn the teacher's actions in the situations that they get into themselves (Ross, Gordon and Bagnell,
+        arXiv:1011.0686), and their critics the returns of that play. Afterwards, only the optimisers are reset;
+        learners and worlds have moved on. Games against opponents do not count.
 
         on_rollout: Called after each rollout with the agent-steps done so far, and measurements by tag. Returns the
-        last measurements, by tag; nothing without a teacher.
+        last measurements.
         """
-        _, steps = self.config.teacher
+        name, steps = self.config.teacher
         if not steps:
             return {}
         shared = self.crew, self.device, imitation_loss
@@ -261,10 +255,14 @@ class Trainer:
             for own in self.learners
         ]
         tags = dict[str, float]()
-        self.lane.teacher = self._teacher()
+        if self.teacher is None:
+            self.lane.teacher = plain(name, self.env)
+        else:
+            play = told(self.teacher, self.env)  # it plays all agents at once, since it may have a memory
+            self.lane.teacher = lambda seen, uniform: np.asarray(play(self.env.observe())).reshape(uniform.shape)
         each = self.rollout_steps * self.worlds * self.env.num_agents
         for done in range(0, steps, each):
-            rollout = self.collector.collect(self.policies, self.rollout_steps, done // each * self.rollout_steps)
+            rollout = self.lane.collect(self.policies, self.rollout_steps, done // each * self.rollout_steps)
             logged = [imitator.update(rollout, 1 - done / steps) for imitator in imitators]
             found = means({tag: (value, 1.0) for tag, value in own.items()} for own in logged)
             tags = {f"imitation/{name}": found[f"train/{name}"] for name in IMITATION_FIGURES if found}
@@ -272,34 +270,21 @@ class Trainer:
         self.lane.teacher, self.lane.played = None, []  # since a resumed run lacks these episodes
         return tags | {"imitation/agent_steps": float(done + each)}
 
-    def _teacher(self) -> Plain:
-        """Return the teacher, as a function of agents' observations and of uniform numbers."""
-        (name, _), env = self.config.teacher, self.env
-        if self.teacher is None:
-            return plain(name, env)
-        play = told(Player(name, self.config.seed), env)  # it plays all agents at once, since it may have a memory
-        return lambda seen, uniform: np.asarray(play(env.observe())).reshape(uniform.shape)
-
     def _set_numbers(self, done: int) -> None:
         """Set annealed numbers to their values after `done` agent-steps."""
         if numbers := {each.name: each.value(done, self.config.scenario) for each in self.config.anneal}:
             self.env.set_numbers(**numbers)
 
     def captured(self) -> tuple[State, dict[str, Array]]:
-        """Return the worlds of all processes, and the states of their lanes."""
+        """Return the worlds of all processes, and the states of their lanes, (worlds, ...) by name."""
         state = self.env.get_state()
-        return State(state.scenario, self._joined(state.arrays)), self.captured_lanes()
+        return State(state.scenario, self.joined(state.arrays)), self.joined(self.lane.state())
 
-    def captured_lanes(self) -> dict[str, Array]:
-        """Return the states of the lanes of all processes, (worlds, ...) by name."""
-        return self._joined(self.lane.state())
-
-    def _joined(self, own: Mapping[str, Array]) -> dict[str, Array]:
+    def joined(self, own: Mapping[str, Array]) -> dict[str, Array]:
         """Return arrays of all processes, by name, in order of the worlds."""
         return {name: self.crew.gather(np.ascontiguousarray(values)) for name, values in own.items()}
 
     def _everyones(self, get: Callable[[Lane], list[Any]]) -> list[Any]:
-        """Return the results of `get` for the lanes of all processes, in one list."""
         return [each for part in self.crew.gather_values(get(self.lane)) for each in part]
 
     def _env(self, scenario: Scenario, worlds: range) -> SurvivalVectorEnv:
@@ -331,10 +316,9 @@ class Trainer:
 
 
 def teams(env: SurvivalVectorEnv, policies: str) -> tuple[Array, Sequence[str]]:
-    """Return the number of the learner that plays each agent of a world, int (agents,), and the learners' names.
+    """Return the number of the learner of each agent of a world, int (agents,), and the learners' names.
 
-    policies: "shared": one for all. "side": one for each side; without teams, each agent is a side. "agent": one for
-    each agent.
+    policies: As in TrainingConfig; without teams, each agent is a side.
     """
     if policies == "side" and env.worlds[Sides].teams[0, 0]:
         found = side(env.worlds, 0)
@@ -344,10 +328,7 @@ def teams(env: SurvivalVectorEnv, policies: str) -> tuple[Array, Sequence[str]]:
 
 
 def by_name(what: str, given: Mapping[str, Any], names: Sequence[str]) -> list[Any]:
-    """Return the entry of `given` for each of these policies: the one under its name, or else under "".
-
-    Raises TrainingError, which names `what`, for an unknown name of a policy.
-    """
+    """Return the entry of `given` of each of these policies, or else that under ""; TrainingError for other names."""
     if unknown := [name for name in given if name and name not in names]:
         raise TrainingError(f"{what}: unknown policy '{unknown[0]}'; {meant(unknown[0], names)}")
     return [given.get(name, given[""]) for name in names]
@@ -364,12 +345,10 @@ def _device(name: Any) -> torch.device:
 
 
 def check_learned(trainer: Trainer, tags: Mapping[str, float], what: str, cure: str) -> None:
-    """Stop a run that has diverged: its next checkpoint could not be loaded, or it no longer learns.
-
-    Only then are observations searched for the cause, in this process's share of the newest rollout.
+    """Raise TrainingError if weights or a loss are not finite: the run has diverged, maybe due to its observations.
 
     tags: Measurements of the update. what, cure: For the message: what was done and for how long, and settings for a
-    new start, unless observations are the cause. Raises TrainingError if weights or a loss are not finite.
+    new start.
     """
     weights = (wrong_weight(policy.state_dict()) for policy in trainer.policies)
     wrong = [f"{name} has numbers that are NaN or beyond {HEAVIEST}" for name in weights if name]
@@ -409,19 +388,14 @@ def strange_observations(lane: Lane) -> Iterator[str]:
         yield "those where an episode was cut off"
 
 
-LAST = 2**53  # maximum updates of an optimiser, which counts them in float32
-GENERATOR = 5056, 624  # bytes of the state of PyTorch's generator of random numbers, numbers drawn at once
-WRONG = f"{REST} of the checkpoint does not fit the run"
-
-
 def capture(trainer: Trainer, header: dict[str, Any]) -> dict[str, bytes]:
-    """Return the files of a checkpoint, in memory. header: Further entries of run.json, see TrainingConfig.header.
-
-    All processes that train together must call it, although only the first one needs the result.
-    """
+    """Return the files of a checkpoint. All processes must call it. header: Further entries of run.json."""
     worlds, lanes = trainer.captured()
-    rest = checkpoint.tree_content(_rest(trainer, lanes))
-    return {**trainer.policy_files(header), REST: rest, WORLDS: _state_bytes(worlds)}
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder, WORLDS)
+        worlds.save(path)
+        state = path.read_bytes()
+    return {**trainer.policy_files(header), REST: checkpoint.tree_content(_rest(trainer, lanes)), WORLDS: state}
 
 
 def _rest(trainer: Trainer, lanes: dict[str, Any]) -> dict[str, Any]:
@@ -436,7 +410,7 @@ def _rest(trainer: Trainer, lanes: dict[str, Any]) -> dict[str, Any]:
             for learner in trainer.learners
         ],
         "updates": trainer.updates,
-        "rewards": trainer.collector.scale.state(),
+        "rewards": trainer.lane.scale.state(),
         "lane": {name: torch.from_numpy(values) for name, values in lanes.items()},
         "opponents": trainer.opponents.state(),
     }
@@ -454,11 +428,12 @@ def restore(trainer: Trainer, files: dict[str, bytes]) -> None:
     factors = scales(trainer.layout, header["fields"])
     if len(weights) != len(trainer.learners):
         raise TrainingError(f"the checkpoint has {len(weights)} policies, but the run {len(trainer.learners)}")
-    check_state(rest, _rest(trainer, trainer.captured_lanes()) | {"opponents": None})  # checked by the pool
+    check_state(rest, _rest(trainer, trainer.joined(trainer.lane.state())) | {"opponents": None})  # checked by the pool
     for learner, given in zip(trainer.learners, rest["learners"], strict=True):
         _check_learner(learner, given)
-    worlds, mine = read(io.BytesIO(files[WORLDS]), f"{WORLDS} of the checkpoint"), trainer.lane.rows
-    trainer.env.set_state(worlds[mine] if len(worlds) == trainer.worlds else worlds)
+    worlds, env = read(io.BytesIO(files[WORLDS]), f"{WORLDS} of the checkpoint"), trainer.env
+    mine = slice(env.first_world, env.first_world + env.num_worlds)
+    env.set_state(worlds[mine] if len(worlds) == trainer.worlds else worlds)
     for learner, given, own in zip(trainer.learners, rest["learners"], weights, strict=True):
         checkpoint.load_weights(learner.policy, own)
         learner.policy.rescale(factors)
@@ -466,23 +441,18 @@ def restore(trainer: Trainer, files: dict[str, bytes]) -> None:
         learner.generator.set_state(given["minibatches"].clone())
         learner.epochs = given["epochs"]
     trainer.updates = rest["updates"]
-    trainer.collector.scale.restore(rest["rewards"])
+    trainer.lane.scale.restore(rest["rewards"])
     past = rest["opponents"].get("past") if isinstance(rest["opponents"], dict) else None
     each = sum(weight.nbytes for policy in trainer.policies for weight in policy.state_dict().values())
     if isinstance(past, dict) and len(past) * each > len(files[REST]):
-        raise TrainingError(f"{WRONG}: it is too small for {len(past)} past selves")
+        raise TrainingError(
+            f"{REST} of the checkpoint does not fit the run: it is too small for {len(past)} past selves"
+        )
     trainer.opponents.restore(rest["opponents"], trainer.policies, header["plan"].get("opponents", ""))
     if trainer.curriculum is not None:
         trainer.curriculum.restore(rest["levels"])
     trainer.lane.restore({name: values.numpy()[mine] for name, values in rest["lane"].items()})
     trainer.steps = header["steps"]
-
-
-def _state_bytes(worlds: State) -> bytes:
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder, "worlds.npz")
-        worlds.save(path)
-        return path.read_bytes()
 
 
 def _check_learner(learner: Learner, given: dict[str, Any]) -> None:
