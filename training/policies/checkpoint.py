@@ -65,10 +65,7 @@ def policies_content(policies: Sequence[Mapping[str, Tensor]]) -> bytes:
 
 
 def read_policies(path: Path) -> tuple[policy_file.Header, list[dict[str, Tensor]]]:
-    """Read a saved policy from a checkpoint or a file of weights. Raises TrainingError.
-
-    Returns run.json, and the weights of each policy by name, unchecked.
-    """
+    """Return run.json, and the weights of each policy by name, unchecked. Raises TrainingError."""
     header, policies = policy_file.read(path)
     return {"plan": {}, **header}, _as_tensors(policies)
 
@@ -100,7 +97,7 @@ def check_like(given: Any, own: Tensor, name: str) -> None:
 def check_state(given: Any, like: Any, name: str = "") -> None:
     """Raise TrainingError unless a tree has the names of another, with finite tensors, counts and texts where it has.
 
-    like: None in it stands for any value. name: The place in the tree, for messages.
+    like: None in it stands for any value. name: The place in the tree.
     """
     where = f"{name} in {REST}" if name else REST
     if isinstance(given, list) and isinstance(like, list):

@@ -128,7 +128,7 @@ class Player:
     def check(self, env: SurvivalVectorEnv, counts: bool = True) -> None:
         """Check that the policy can play in these worlds. Raises TrainingError.
 
-        counts: Whether there must be as many entities of each kind as in training. Its weights do not depend on that.
+        counts: Whether there must be as many entities of each kind as in training; its weights work with any number.
         """
         with self._named():
             self._check(env._reader.views, counts)  # views do not depend on the form for learners
@@ -148,7 +148,7 @@ class Player:
 
     @contextlib.contextmanager
     def _named(self) -> Iterator[None]:
-        """Add the name of the file to errors about the policy, since other policies may play, too."""
+        """Add the name of the file to errors, since other policies may play, too."""
         try:
             yield
         except TrainingError as error:
@@ -157,36 +157,31 @@ class Player:
     def __call__(self, observations: dict[str, Array]) -> Array:
         """Choose the actions for these observations.
 
-        Raises TrainingError: shapes differ from those in training; or the policy has a memory, and does not know where
+        Raises TrainingError: shapes differ from those in training, or a policy with a memory does not know where
         episodes begin.
         """
         (logs,) = self._ask(observations, _logs)
         with playing():
-            batch_last, uniform = torch.from_numpy(logs).permute(1, 2, 0), self._uniform(len(logs), logs.shape[2])
+            batch_last, uniform = torch.from_numpy(logs).permute(1, 2, 0), None  # the likeliest actions
+            if self._noise is not None:
+                uniform = torch.from_numpy(self._noise())
+            elif self.generator is not None:
+                uniform = torch.rand((len(logs), logs.shape[2]), generator=self.generator, **FLOAT)
             numbers = [uniform if uniform is None else uniform + shift for shift in self._shifts]
             actions: Array = torch.cat([self.policies[0].choose(batch_last, each) for each in numbers], 1).numpy()
         return actions.reshape(*observations[OWN].shape[:-1], actions.shape[1])
 
     def key_by(self, env: SurvivalVectorEnv, agents: Any) -> None:
-        """Sample actions by the keys of worlds from now on, not by a running generator; see EpisodeNoise.
-
-        agents: Indices of the agents that it plays in each world, integers (agents,).
-        """
+        """Sample actions by the keys of worlds from now on, see EpisodeNoise. agents: Those that it plays in each."""
         self._noise = EpisodeNoise(env, agents)
 
     def doubted(self, slack: float) -> None:
         """Return three choices from now on: for numbers decreased by `slack`, as drawn, and increased by it.
 
-        If the cumulative probabilities of another machine differ by less, its choice lies between the first and the
+        The choice of another machine, whose cumulative probabilities differ by less, lies between the first and the
         last. Actions become int64 (..., agents, 3 * actions).
         """
         self._shifts = (-slack, 0.0, slack)
-
-    def _uniform(self, *shape: int) -> torch.Tensor | None:
-        """Return uniform numbers for sampling actions, float32 (batch, actions); None for the likeliest actions."""
-        if self._noise is not None:
-            return torch.from_numpy(self._noise())
-        return None if self.generator is None else torch.rand(shape, generator=self.generator, **FLOAT)
 
     def explainer(self) -> "PolicyExplainer":
         """Return an explainer of the policy, with a memory of its own; for outlast.record(policy=player)."""
@@ -211,7 +206,7 @@ class Player:
                 )
 
     def _recall(self, worlds: tuple[int, ...], agents: int) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the memory of agents, and where it is reset, for the policies. Raises TrainingError."""
+        """Return the memory of agents, and where it is reset. Raises TrainingError."""
         known = None if self._begins is None else self._begins.shape
         if self._begins is None or known != worlds:
             raise TrainingError(
@@ -231,10 +226,7 @@ class Player:
         return self._remembered, begins
 
     def _ask(self, observations: dict[str, Array], question: Question) -> list[Array]:
-        """Ask the policy, or each of several about its own agents. Return the arrays (batch, ...) of the answers.
-
-        Memory advances by a step. Raises TrainingError.
-        """
+        """Ask the policy, or each about its own agents, and advance memory. Return arrays (batch, ...)."""
         memory, begins = None, None
         with self._named():
             self._check(observations)
@@ -307,10 +299,9 @@ def _differences(trained: dict[str, tuple[int, ...]], here: dict[str, tuple[int,
 
 
 def weights_of(path: Path, critic: bool = True) -> tuple[policy_file.Header, list[dict[str, Array]]]:
-    """Return run.json of a saved policy, and its weights by name, float32, for each policy if teams have several.
+    """Return run.json of a saved policy, and the weights of each of its policies by name, float32.
 
-    critic: Whether to include the weights that only values need, if the file has them. Raises TrainingError: the
-    file cannot be read, or is damaged.
+    critic: Whether to include those that only values need, if the file has them. Raises TrainingError for other files.
     """
     player = Player(path)
     left_out = () if any(player.networks) or (critic and player.critic) else policy_file.CRITIC
@@ -347,13 +338,12 @@ def load_policy(path: str | Path, seed: int | None = 0) -> Player:
 
 
 class PolicyExplainer:
-    """An explainer of a player's policy; created by `Player.explainer`.
+    """An explainer of a player's policy; created by `Player.explainer`. It is slower than acting.
 
     entities: (key of the observation, rows) of each kind of entities in the attention.
     """
 
     def __init__(self, player: Any) -> None:
-        """player: A copy of a Player, with a memory of its own."""
         self._player, self._layout, self.reset = player, player.layout, player.reset
         self.entities = [(kind.key, kind.rows) for kind in self._layout.kinds]
 
@@ -364,8 +354,7 @@ class PolicyExplainer:
             Values float32 (..., agents), of the critic, in the units of its training; NaN without a critic, or with one
             that learned from the state of the world. Probabilities float32 (..., agents, values), of each value of each
             action, one action after the other. Attention float32 (..., agents, rows), the share of each row of
-            `entities`, averaged over heads and over the rows that attend; the sum is at most 1. It is 0 for the user's
-            own networks.
+            `entities`, averaged over heads and over the rows that attend; 0 for the user's own networks.
         """
         values, likely, attention, packed = self._player._ask(observations, self._explain)
         if packed.any():
@@ -400,7 +389,7 @@ class PolicyExplainer:
 def attended(extractor: Extractor, seen: Observed) -> Tensor:
     """Return the attention to each row, (batch, rows), computed by torch.nn.MultiheadAttention itself.
 
-    With Rows, attention is to visible rows only: their shares come first, in order, and then zeros.
+    With Rows, it is that of visible rows: their shares come first, in order, and then zeros.
     """
     weight, bias = extractor.weight * extractor.scale, extractor.bias
     if isinstance(seen, Rows):
@@ -418,10 +407,7 @@ def attended(extractor: Extractor, seen: Observed) -> Tensor:
 
 
 def _shares(extractor: Extractor, rows: Tensor, visible: Tensor, raised: Tensor) -> Tensor:
-    """Return the share of each row in the attention of visible rows: (batch, rows).
-
-    rows: embedded, (batch, rows, width). visible: bool (batch, rows). raised: added to logits, (batch, rows).
-    """
+    """Return the share of each row, (batch, rows), in the attention of visible rows; raised: added to logits."""
     heads, count = extractor.preset.heads, rows.shape[1]
     if not count:
         return rows.new_zeros(len(rows), 0)
@@ -442,11 +428,7 @@ class ActionNoise:
     """
 
     def __init__(self, seed: int, worlds: Array, agents: int, actions: int) -> None:
-        """Derive the key of each agent's numbers.
-
-        seed: Seed of the run. worlds: Numbers of the worlds, int (worlds,). agents: Number of agents of a world.
-        actions: Number of actions of an agent.
-        """
+        """Derive keys. worlds: Their numbers, int (worlds,). agents, actions: How many each world and agent has."""
         (key,) = np.random.SeedSequence([seed, STREAM]).generate_state(1, np.uint64)
         world = mix64(key + worlds.astype(np.uint64))[:, None]
         self._start = mix64(world + np.arange(agents, dtype=np.uint64)).reshape(-1, 1)

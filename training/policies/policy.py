@@ -36,7 +36,6 @@ class MultiCategorical(nn.Module):
     beyond: Tensor
 
     def __init__(self, sizes: Sequence[int]) -> None:
-        """Take the number of values of each action."""
         super().__init__()
         self.shape, start = (max(sizes), len(sizes)), 0
         where, never = torch.zeros(self.shape, **INDEX), torch.full(self.shape, NEVER, **FLOAT)
@@ -50,13 +49,13 @@ class MultiCategorical(nn.Module):
         self.register_buffer("beyond", beyond, persistent=False)
 
     def log_probabilities(self, features: Tensor, head: nn.Linear) -> Tensor:
-        """Log probabilities of all values, (values, actions, batch), from features that the head turns into logits."""
+        """Return log probabilities, (values, actions, batch), of features that the head turns into logits."""
         weight, bias = head.weight.index_select(0, self.where), head.bias.index_select(0, self.where) + self.never
         logits = torch.addmm(bias[:, None], weight, features.T)
         return logits.view(*self.shape, len(features)).log_softmax(0)
 
     def log_softmax(self, logits: Tensor) -> Tensor:
-        """Log probabilities of all values, (values, actions, batch), of logits (batch, values of all actions)."""
+        """Return log probabilities, (values, actions, batch), of logits (batch, values of all actions)."""
         chosen = logits.T.index_select(0, self.where) + self.never[:, None]
         return chosen.view(*self.shape, len(logits)).log_softmax(0)
 
@@ -64,7 +63,7 @@ class MultiCategorical(nn.Module):
     def of(actions: Tensor, logs: Tensor, free: Tensor | None = None) -> Tensor:
         """Return the log probabilities of joint actions (batch, actions): (batch,).
 
-        free: bool (batch, actions), whether an action was drawn; others were given. None: all were drawn.
+        free: bool (batch, actions), whether an action was drawn; None: all were.
         """
         chosen = logs.gather(0, actions.T[None])
         return (chosen if free is None else chosen * free.T).sum((0, 1))
@@ -140,7 +139,7 @@ class Networks(nn.Module):
     def logs(
         self, seen: Observed, memory: Tensor | None = None, begins: Tensor | None = None
     ) -> tuple[Tensor, Tensor | None]:
-        """Return the log probabilities and the memory only, for callers without a state that do not need values."""
+        """Return the log probabilities and the memory only, without a state, for callers that do not need values."""
         logs, _, after = self(seen, memory, begins)
         return logs, after
 
@@ -155,9 +154,8 @@ class Networks(nn.Module):
     def take(self, other: Any, scale: Any = 1.0) -> None:
         """Become the same function of observations, and of the state, as a policy whose scales of inputs may differ.
 
-        scale: The divisor of the state's numbers here, over their divisor there: float32 (numbers,).
-        Raises RuntimeError if networks differ, as load_state_dict, and TrainingError if scales of inputs differ and
-        the networks cannot compensate for it.
+        scale: The divisor of the state's numbers here, over their divisor there: float32 (numbers,). Raises
+        RuntimeError if networks differ, and TrainingError if they cannot compensate for other scales.
         """
         self.load_state_dict(other.state_dict())
         self.rescale(other.scales)
@@ -220,7 +218,7 @@ class ActorCritic(Networks):
         return super().values(seen, memory, begins)
 
     def _remember(self, features: Tensor, memory: Tensor | None, begins: Tensor | None) -> tuple[Tensor, Tensor]:
-        """Return the memory after each step, and after the last one; see Memory.through."""
+        """Return the memory after each step, and after the last one."""
         if self.recurrent is None or memory is None or begins is None:
             raise ValueError("a policy with a memory needs `memory` and `begins`")
         return self.recurrent.through(features, memory, begins if begins.ndim == 2 else begins[None])
@@ -232,7 +230,7 @@ class ActorCritic(Networks):
         return self.critic(features).flatten()
 
     def _both(self, features: Tensor) -> tuple[Tensor, Tensor]:
-        """Log probabilities and values of the same features: the first layers of both towers are one product."""
+        """Return both for the same features: the first layers of both towers are one product."""
         actor, critic = self.actor, self.critic
         weight, bias = (torch.cat([getattr(t.first, name) for t in (actor, critic)]) for name in ("weight", "bias"))
         both = actor.activation(functional.linear(features, weight, bias)).chunk(2, 1)
@@ -326,24 +324,14 @@ class Extractor(nn.Module):
             self.scale.copy_(kinds[:, None])
 
     def forward(self, seen: Observed) -> Tensor:
-        """Turn the observations of a batch of agents into features, float32 (batch, 2 * width)."""
-        own = functional.linear(seen.own, self.own.weight * self.own_scale, self.own.bias)
-        if isinstance(seen, Rows):
-            entities = self._attend_seen(seen)
-        else:
-            entities = attend(seen, self.weight * self.scale, self.bias, self.attention)
-        return torch.cat([self._active(own), entities], 1)
-
-    def _attend_seen(self, seen: Rows) -> Tensor:
-        """Return the average output of attention over each agent's rows, (batch, width); 0 for an agent without rows.
-
-        Attention is over the pairs of rows of one agent, in one flat list over the batch, query after query.
-        """
+        """Return features, float32 (batch, 2 * width). An agent that sees no row gets zeros for entities."""
+        own = self._active(functional.linear(seen.own, self.own.weight * self.own_scale, self.own.bias))
+        if not isinstance(seen, Rows):
+            return torch.cat([own, attend(seen, self.weight * self.scale, self.bias, self.attention)], 1)
         embedded = self._active(seen.entities @ torch.cat([self.weight * self.scale, self.bias]))
         rows = functional.linear(embedded, self.attention.in_proj_weight, self.attention.in_proj_bias)
-        mean = self._attended(seen, rows)
-        out = self.attention.out_proj
-        return torch.addmm((seen.count > 0)[:, None] * out.bias, mean, out.weight.T)
+        mean, out = self._attended(seen, rows), self.attention.out_proj  # linear maps come after the average
+        return torch.cat([own, torch.addmm((seen.count > 0)[:, None] * out.bias, mean, out.weight.T)], 1)
 
     def _attended(self, seen: Rows, each: Tensor) -> Tensor:
         """Average attention over the rows of each agent. each: float32 (rows, 3 * width), query, key and value."""
@@ -372,7 +360,6 @@ class Memory(nn.GRUCell):
     """Memory of the features of earlier steps (Cho et al., arXiv:1406.1078)."""
 
     def __init__(self, features: int, width: int) -> None:
-        """Create a memory of `width` numbers for `features` in a step."""
         super().__init__(features, width, **FLOAT)
         for weight in (self.weight_ih, self.weight_hh):
             for gate in weight.data.chunk(3):
@@ -383,8 +370,7 @@ class Memory(nn.GRUCell):
     def through(self, features: Tensor, memory: Tensor, begins: Tensor) -> tuple[Tensor, Tensor]:
         """Return the memory after each step (steps * agents, width), and after the last one (agents, width).
 
-        features: float32 (steps * agents, features), step after step. memory: float32 (agents, width), before the first
-        step. begins: bool (steps, agents), whether an agent's memory is reset to 0 before the step.
+        features: float32 (steps * agents, features), step after step. begins: bool (steps, agents), where it is reset.
         """
         after, kept = [], (~begins).to(features.dtype)[:, :, None]
         for now, goes_on in zip(features.view(*begins.shape, features.shape[1]), kept, strict=True):
@@ -426,15 +412,17 @@ def begin(layer: nn.Linear, gain: float = GAIN) -> nn.Linear:
 
 
 def attend(padded: PaddedRows, weight: Tensor, bias: Tensor, attention: nn.MultiheadAttention) -> Tensor:
-    """Return the outputs of torch.nn.MultiheadAttention, averaged over all rows; hidden ones count as 0.
+    """Return the outputs of torch.nn.MultiheadAttention, averaged over all rows, hidden ones as 0: (batch, width).
 
     Rows are embedded with tanh. The padding row, behind all others, is embedded as zeros and visible in every sample.
-    Logits of hidden rows are raised by 1, as the authors add their mask to the logits.
+    Logits of hidden rows are raised by 1, as the authors add their mask to the logits: keys are all rows, even hidden
+    ones, and queries are visible rows and the padding row.
 
-    Returns (batch, width). Raises ValueError: a gradient by the observations is requested.
+    Samples are sorted by their number of queries, so that those with the same number are one batched product. Linear
+    maps are applied where there are fewest rows: that of keys to the queries, those of values and outputs after the sum
+    over queries. The gradient is written out: a few large products, where autograd would keep dozens of tensors.
 
     weight, bias: Parameters of the layers of all kinds, stacked, (numbers of all kinds, width) and (kinds, width).
-    attention: Used for its parameters and its number of heads.
     """
     if padded.packed.requires_grad:
         raise ValueError("preset 'original' has gradients by its parameters only, not by observations; detach these")
@@ -457,13 +445,15 @@ def attend(padded: PaddedRows, weight: Tensor, bias: Tensor, attention: nn.Multi
 class _Mix(torch.autograd.Function):
     """The embedded rows of each sample, weighted by softmax and summed over its queries: (batch, heads * width).
 
-    counts: (batch,), number of visible rows, including the padding row; samples are sorted by it. to_keys: the linear
-    map from an embedded row to each head's factor for all rows, (heads * width, width + 1), the bias last.
+    counts: (batch,), number of visible rows and the padding row, sorted. to_keys: The linear map from an embedded row
+    to each head's factor for all rows, (heads * width, width + 1), the bias last.
     """
 
     @staticmethod
     def forward(ctx: Any, padded: PaddedRows, counts: Tensor, weight: Tensor, bias: Tensor, to_keys: Tensor) -> Tensor:
-        layout, inputs, seen = padded.layout, _by_kind(padded), functional.pad(padded.seen, (0, 1), value=1.0)
+        layout, seen = padded.layout, functional.pad(padded.seen, (0, 1), value=1.0)
+        kinds = zip(layout.kinds, torch.split(padded.rows, [kind.rows for kind in layout.kinds], 1), strict=True)
+        inputs = [part.reshape(-1, layout.features)[:, : kind.features] for kind, part in kinds]
         (batch, rows), width, heads = seen.shape, weight.shape[1], len(to_keys) // weight.shape[1]
         embedded = seen.new_zeros(batch, rows, width)
         # tanh(x) = 2 sigmoid(2x) - 1, which takes a quarter of the time
@@ -518,13 +508,6 @@ class _Mix(torch.autograd.Function):
             start += kind.rows
         by_to_keys = torch.cat([by_wanted.T @ queries, by_wanted.sum(0)[:, None]], 1)
         return None, None, torch.cat(by_weight), torch.stack(by_bias), by_to_keys
-
-
-def _by_kind(padded: PaddedRows) -> list[Tensor]:
-    """Return the rows of each kind: (batch * rows, features)."""
-    kinds, features = padded.layout.kinds, padded.layout.features
-    parts = torch.split(padded.rows, [kind.rows for kind in kinds], 1)
-    return [part.reshape(-1, features)[:, : kind.features] for part, kind in zip(parts, kinds, strict=True)]
 
 
 def _groups(counts: Tensor) -> Iterator[tuple[slice, slice, int]]:

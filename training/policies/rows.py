@@ -23,6 +23,7 @@ from ..base.errors import TrainingError
 from ..base.observation_layout import OWN, ObservationLayout
 from ..base.presets import Form, Preset
 
+Array = np.ndarray[Any, Any]
 FILL = 512  # lists are padded to multiples of this where shapes should repeat
 
 
@@ -100,7 +101,7 @@ class Rows:
         """Return the observations of some agents. index: Their indices, int64 (some,), on the CPU."""
         known, there = self.known[index.numpy()], moved(index, self.count.device)
         found = Rows(self.own.index_select(0, there), self.entities, self.count.index_select(0, there), known)
-        found.state = _selected(self.state, there)
+        found.state = None if self.state is None else self.state.index_select(0, there)
         size, last = int(known.sum()), len(self.entities) - 1
         if self.room is not None:
             size, found.room = _filled(size), _filled(int((known * known).sum()))
@@ -124,7 +125,9 @@ class Rows:
             return self
         here = self.filled()
         own, entities, count = (moved(each, device) for each in (here.own, here.entities, here.count))
-        return Rows(own, entities, count, self.known, here.room, _moved(self.state, device))
+        return Rows(
+            own, entities, count, self.known, here.room, None if self.state is None else moved(self.state, device)
+        )
 
     def _counts(self, size: int) -> Tensor:
         """int64 (owners,), the number of `size` rows of each agent, and of unowned rows."""
@@ -135,10 +138,7 @@ class Rows:
 
 @dataclass(eq=False)
 class PaddedRows:
-    """Observations of a batch of agents, with a row for each possible entity, seen or not.
-
-    packed: float32 (batch, layout.size). layout: Layout of `packed`.
-    """
+    """Observations of a batch of agents, with a row for each possible entity: packed, float32 (batch, layout.size)."""
 
     packed: Tensor
     layout: ObservationLayout
@@ -166,11 +166,17 @@ class PaddedRows:
     def select(self, index: Tensor) -> PaddedRows:
         """Return the observations of some agents. index: Their indices, int64 (some,), on the CPU."""
         there = moved(index, self.packed.device)
-        return PaddedRows(self.packed.index_select(0, there), self.layout, _selected(self.state, there))
+        return PaddedRows(
+            self.packed.index_select(0, there),
+            self.layout,
+            None if self.state is None else self.state.index_select(0, there),
+        )
 
     def to(self, device: torch.device) -> PaddedRows:
         """Return the observations on a device."""
-        return PaddedRows(moved(self.packed, device), self.layout, _moved(self.state, device))
+        return PaddedRows(
+            moved(self.packed, device), self.layout, None if self.state is None else moved(self.state, device)
+        )
 
 
 Observed = Rows | PaddedRows
@@ -194,15 +200,6 @@ def _filled(size: int) -> int:
     return (size // step + 1) * step
 
 
-def _selected(state: Tensor | None, index: Tensor) -> Tensor | None:
-    return None if state is None else state.index_select(0, index)
-
-
-def _moved(state: Tensor | None, device: torch.device) -> Tensor | None:
-    return None if state is None else moved(state, device)
-
-
-Array = np.ndarray[Any, Any]
 ANGLE = "angle"
 VECTORS = {  # the fields of a vector: the first field of the agent's own vector that is subtracted from it
     ("x", "y"): "x",
@@ -219,9 +216,9 @@ word, read, write, write_word = loader("int64"), loader("float32"), storer("floa
 def turns(layout: ObservationLayout) -> list[Array]:
     """Return the turns that bring rows into the frame of the observing agent: it is at the origin and looks along x.
 
-    Positions become relative to the agent's position, velocities to its velocity, angles of others to its own. All
-    angles are brought into the range of -pi to pi. Returns int64 (turns, TURN) for an agent's own numbers, and then
-    for each kind. Raises TrainingError if the layout lacks the agent's own position, velocity or angle.
+    Positions become relative to the agent's, velocities to its own, angles of others to its own, from -pi to pi.
+    Returns int64 (turns, TURN) for an agent's own numbers, and then for each kind. Raises TrainingError if the layout
+    lacks the agent's own position, velocity or angle.
     """
     columns = layout.field_columns()
     if not columns[OWN].keys() >= {*ME}:
@@ -243,7 +240,7 @@ def _turns(columns: Mapping[str, int], me: Mapping[str, int], moved: Mapping[str
 
 @kernel
 def turn(row: int, me: int, angle: int, turned: int, count: int) -> None:
-    """Turn a row in place. row, me: Addresses of float32 numbers, those of the row and the agent's own as observed.
+    """Turn a row in place. row, me: Addresses of the numbers of the row, and the agent's own as observed.
 
     angle: Column of the agent's angle. turned: Address of the turns. count: Number of turns.
     """
@@ -319,11 +316,7 @@ class Packer:
         self._angle = layout.field_columns()[OWN][ANGLE] if egocentric else 0
 
     def __call__(self, observations: Mapping[str, Array]) -> Observed:
-        """Pack the observations of a batch of agents.
-
-        observations: float32 (..., *layout.shapes[key]) by key; the agents of the leading axes are the batch. Or with
-        lists of rows, as of make_vec(observations="rows").
-        """
+        """Pack observations by key, float32 (..., *layout.shapes[key]) or lists, see make_vec(observations="rows")."""
         return self._padded(observations) if self.leaky else self._rows(observations)
 
     def own(self, observations: Mapping[str, Array]) -> Array:

@@ -31,15 +31,12 @@ logger = logging.getLogger("outlast")
 class ChildRun:
     """A run in its own process and process group, so that Ctrl-C reaches it only once, from this process.
 
-    If this process ends without stopping it, as by kill -9, the run also saves and stops: see `end_with_parent`.
-
-    folder: The folder of the run. name: Its name in messages. words: The words of the command line that trains it.
+    folder: The folder of the run. name: Its name in messages. words: The command that trains it.
     """
 
     def __init__(self, folder: Path, words: Sequence[str], *, resume: bool) -> None:
-        """Prepare the run without starting it.
+        """Prepare the run. words: Of `outlast train`, without --out, --resume and --quiet.
 
-        words: Arguments and options of `outlast train` for this run, without --out, --resume and --quiet.
         resume: Whether to continue the run in the folder; without a folder, the run begins.
         """
         self.folder, self.name = folder, folder.name
@@ -47,7 +44,7 @@ class ChildRun:
         self.words += ["--resume"] * (resume and folder.exists())
 
     def start(self) -> None:
-        """Start the process, which begins or continues the run."""
+        """Start the process."""
         self._output = tempfile.TemporaryFile("w+", errors="replace")  # noqa: SIM115, as it is read in `report`
         with ignored("SIGUSR1"):  # until the run can handle the signal
             self.process = subprocess.Popen(
@@ -84,13 +81,11 @@ def side_by_side(
 ) -> int:
     """Train all runs. A run that fails is reported, and the others continue. On Ctrl-C, all begun ones save and stop.
 
-    SIGUSR1 is passed on to those that have begun, which save and continue.
+    SIGUSR1 makes those that have begun save. Returns the exit status: 0 for success, 130 if they were stopped,
+    otherwise the highest status of the runs.
 
-    Returns the exit status: 0 for success, 130 if they were stopped, otherwise the highest status of the runs.
-
-    runs: In the order in which they begin, `at_once` at a time. view: Shows the progress, every POLL seconds, and is
-    closed at the end. done: Returns the part of the view's total that is done. cure: Logged after Ctrl-C, such as the
-    way to continue.
+    at_once: How many run at a time. view: Shows the progress, and is closed at the end. done: Returns the part of the
+    view's total that is done. cure: Logged after Ctrl-C.
     """
     waiting, running, statuses = list(runs), list[ChildRun](), list[int]()
     try:
@@ -122,7 +117,7 @@ def side_by_side(
 def end_with_parent() -> None:
     """Interrupt this process, as Ctrl-C does, when the parent ends for any reason: standard input, its pipe, closes.
 
-    Background commands of shells and their children ignore SIGINT. It is handled again, so that the run can be stopped.
+    Background commands of shells and their children ignore SIGINT; it is handled again.
     """
     signal.signal(signal.SIGINT, signal.default_int_handler)
 

@@ -31,14 +31,10 @@ class WatchedEpisode:
 
 @contextlib.contextmanager
 def episode(path: Path, *, seed: int, most: int, scenario: Scenario | None = None) -> Iterator[WatchedEpisode]:
-    """Open an episode of a checkpoint's policy, whose random numbers all come from `seed`.
+    """Open an episode of a checkpoint's policy, whose random numbers all come from `seed`; PyTorch's stay as they are.
 
-    PyTorch's global random numbers and its number of threads stay as they are.
-
-    Raises TrainingError: the checkpoint is broken, of another game, or does not describe its own sufficiently.
-
-    most: Maximum number of ticks, even if the episode has not ended. scenario: The game; None: the one of the
-    checkpoint, see `recorded_scenario`.
+    most: Maximum number of ticks. scenario: The game; None: the one of the checkpoint, see `recorded_scenario`. Raises
+    TrainingError: the checkpoint is broken, of another game, or does not describe its own sufficiently.
     """
     header = policy_file.read_header(path, ("scenario",))
     game, differs = (scenario, "") if scenario is not None else recorded_scenario(header)
@@ -63,12 +59,9 @@ def episode(path: Path, *, seed: int, most: int, scenario: Scenario | None = Non
 
 
 def recorded_scenario(header: policy_file.Header) -> tuple[Scenario, str]:
-    """Rebuild the scenario of a run that `outlast train` began, without importing anything.
+    """Rebuild the scenario of run.json, without importing anything, and return its difference from that of the run.
 
-    Returns the scenario, and its difference from that of the run, which another version of outlast may have begun; ""
-    if there is none. Raises TrainingError: the scenario has the user's own mechanics, which are not imported.
-
-    header: run.json of the run, or of one of its checkpoints.
+    Another version of outlast may have begun the run. Raises TrainingError for the user's own mechanics.
     """
     given = header["scenario"]
     try:
@@ -87,9 +80,8 @@ logger = logging.getLogger(__name__)
 def film_checkpoint(checkpoint: Path, folder: Path, scenario: Scenario | None = None, *, seed: int = 0) -> list[Path]:
     """Film the beginning of an episode that a checkpoint's policy plays against itself. Takes a second or two.
 
-    Does not change the state of a training run, such as global random numbers and the number of threads. Any error,
-    such as a full disk, is only logged, because a run is worth more than its films; but Ctrl-C is raised. A film is
-    written completely or not at all.
+    Any error, such as a full disk, is only logged, because a run is worth more than its films; but Ctrl-C is raised. A
+    film is written completely or not at all. The state of a training run stays as it is.
 
     Args:
         checkpoint: File of the checkpoint.

@@ -29,7 +29,7 @@ from outlast.envs.storage.outputs import FolderLock, atomic_write, is_lock, targ
 from ..base import curves, policy_file
 from ..base.config import TrainingConfig, parse_warm_start
 from ..base.errors import TrainingError
-from ..base.presets import Hyperparameters, preset
+from ..base.presets import preset
 from ..policies import checkpoint
 from ..policies.torch_settings import learning
 from ..ppo.crew import Crew, recruit, recruit_on_cluster
@@ -44,8 +44,7 @@ _numbers = itertools.count()  # one for each event file of this process, which m
 class RunLog:
     """The logs of a run that has done `steps` agent-steps; entries of later steps are removed, or hidden.
 
-    When `write` returns, all entries are in the files, or OSError is raised. TensorBoard's own writer leaves writing to
-    a thread.
+    When `write` returns, all entries are in the files, or OSError is raised; TensorBoard's own writer has a thread.
     """
 
     def __init__(self, folder: Path, steps: int) -> None:
@@ -62,7 +61,7 @@ class RunLog:
         self.events.flush()
 
     def write(self, values: Mapping[str, float], step: int) -> None:
-        """Log values by tag at an agent-step: rows tag,step,value in order of tags, all at once; and scalars."""
+        """Log values by tag at an agent-step, sorted by tag."""
         text = io.StringIO()
         rows = csv.writer(text, lineterminator="\n")
         rows.writerows((tag, step, repr(float(value))) for tag, value in sorted(values.items()))
@@ -118,10 +117,7 @@ def check_callbacks(callbacks: Any) -> None:
 
 
 def prepared(config: TrainingConfig, files: dict[str, bytes] | None, crew: Crew) -> Trainer:
-    """Return the trainer of a process of a run, and limit PyTorch to one thread in each of its threads.
-
-    files: Those of the checkpoint from which the run continues, if any.
-    """
+    """Return the trainer of a process, which continues from the files of a checkpoint, if any."""
     threads = config.threads or max(1, min(torch.get_num_threads(), available_cores()) // crew.size)
     torch.set_num_threads(1)
     trainer = Trainer(config, threads, crew)
@@ -132,13 +128,8 @@ def prepared(config: TrainingConfig, files: dict[str, bytes] | None, crew: Crew)
     return trainer
 
 
-def remaining(trainer: Trainer) -> float:
-    """Return the share of a run that remains."""
-    return 1 - trainer.steps / trainer.config.steps
-
-
 def follow(crew: Crew, config: TrainingConfig, files: dict[str, bytes] | None) -> None:
-    """Run any process except the first: it does the same as the first, without logs and files."""
+    """Do the same as the first process in another one, without logs and files."""
     trainer = prepared(config, files, crew)
     if files is None and config.warm_start:
         trainer.imitate(lambda done, tags: None)
@@ -146,17 +137,14 @@ def follow(crew: Crew, config: TrainingConfig, files: dict[str, bytes] | None) -
     if not trainer.steps:
         trainer.captured()
     while trainer.steps < config.steps:
-        left, rollout = remaining(trainer), trainer.collect()
+        left, rollout = 1 - trainer.steps / config.steps, trainer.collect()
         trainer.report()
         trainer.update(rollout, left)
         trainer.captured()
 
 
 class TrainingRun:
-    """A run in a folder: run.json, log.csv, TensorBoard's events, checkpoints.
-
-    A process that is killed at any time leaves a run that can be resumed. If several processes share the work, this
-    one starts the others, and they end with it.
+    """A run in a folder: run.json, log.csv, TensorBoard's events, checkpoints. A killed one can be resumed.
 
     Attributes:
         anew: Whether the run begins at 0 although it was to be resumed, since it has no checkpoint yet.
@@ -179,8 +167,8 @@ class TrainingRun:
     ) -> None:
         """Create the worlds and networks, and write run.json; the folder is created if it is missing. See RunOptions.
 
-        A run that was stopped before its first checkpoint begins again. Raises ClusterError: the cluster does not exist
-        or is too small. Raises TrainingError: the run cannot begin or resume there; nothing is written.
+        A run that was stopped before its first checkpoint begins again. Raises ClusterError, and TrainingError if the
+        run cannot begin or resume there; then nothing is written.
         """
         self.config, self.folder, self.film, self.callbacks = config, folder, film, callbacks
         there = self._there()
@@ -221,11 +209,8 @@ class TrainingRun:
 
         SIGUSR1 saves that state, too, at the end of the rollout or epoch, and the run continues.
 
-        Args:
-            progress: Called after each update and at the start of each of its epochs, as first updates take minutes.
-
-        Raises:
-            TrainingError: The disk is full, or a process is lost; the run in the folder can be resumed.
+        progress: Called after each update and at the start of each of its epochs. Raises TrainingError if the disk is
+        full, or a process is lost; the run can be resumed.
         """
         with save_requests() as self.asked:
             try:
@@ -242,7 +227,6 @@ class TrainingRun:
                         torch.set_num_threads(self._threads)
 
     def _train(self, progress: Progress) -> None:
-        """Collect, update, and save at the requested intervals."""
         if self.fresh and self.config.warm_start:
             self._warm_start(progress)
         if not self.saved:
@@ -262,7 +246,7 @@ class TrainingRun:
             progress(self)
 
     def _save_if_asked(self) -> None:
-        """Save the state after the last update, if SIGUSR1 has arrived and the state is not saved yet."""
+        """Save the state after the last update, if SIGUSR1 has arrived."""
         if self.asked and self.kept is not None:
             self.asked.clear()
             path = self.folder / CHECKPOINT.format(self.kept[0])
@@ -295,7 +279,7 @@ class TrainingRun:
             progress(self)
 
         trainer, times = self.trainer, [time.perf_counter()]
-        left = remaining(trainer)
+        left = 1 - trainer.steps / self.config.steps
         rollout = trainer.collect()
         times.append(time.perf_counter())
         self._call("on_rollout", rollout)
@@ -340,10 +324,7 @@ class TrainingRun:
         return {path.name for path in paths if not target_name(path) and not is_lock(path)}
 
     def _find_checkpoint(self, there: set[str], resume: bool) -> dict[str, bytes] | None:
-        """Return the checkpoint to resume from, if any. there: Names in the folder.
-
-        A run without a checkpoint must also have been begun with the same config.
-        """
+        """Return the checkpoint to resume from, if any. there: Names in the folder."""
         if there and not resume:
             raise TrainingError(f"{self.folder} is not empty: take --resume, or choose another folder with --out")
         if not resume or (self.folder.is_dir() and not there):  # stopped before run.json was written
@@ -360,10 +341,7 @@ class TrainingRun:
         return checkpoint.read_checkpoint(found[-1])
 
     def _prepare(self, there: set[str]) -> None:
-        """Create and lock the folder, and write the requested settings to run.json.
-
-        there: Names in the folder when the checkpoint was read.
-        """
+        """Lock the folder, and write the requested settings to run.json. there: Names when the checkpoint was read."""
         checkpoint.header_of(self.trainer.policy_files(self.config.header()))  # raises if it cannot be read again
         try:
             self.lock.acquire()
@@ -398,9 +376,10 @@ class TrainingRun:
         then, now = (json.loads(json.dumps(plan)) for plan in plans)
         free = ("device", "threads") if "steps" in header["plan"] else ("device", "threads", "steps")
         differ = [key for key in now if now[key] != then.get(key) and key not in free]
-        own = self.config.numbers_by_policy
-        if "settings" in differ and "preset" not in differ and own == self._numbers(then["settings"]):
-            differ.remove("settings")  # other settings are named, but their values are the preset's
+        if "settings" in differ and "preset" not in differ:
+            with contextlib.suppress(TrainingError, TypeError, AttributeError):  # settings of a file may be invalid
+                if self.config.numbers_by_policy == preset(self.config.preset).numbers_by_policy(then["settings"]):
+                    differ.remove("settings")  # other settings are named, but their values are the preset's
         if "warm_start" in differ and _same_teacher(str(then.get("warm_start")), now["warm_start"]):
             differ.remove("warm_start")
         if FILES.sub("FILE", str(then.get("opponents"))) == FILES.sub("FILE", now["opponents"]):
@@ -412,12 +391,6 @@ class TrainingRun:
                 cure = f"its learning rate depends on them; take --steps {then['steps']}, or another --out"
                 cure += f", perhaps with --warm-start {self.folder}" * bool(checkpoints(self.folder))
             raise TrainingError(f"the run in {self.folder} was begun with {others}: {cure}")
-
-    def _numbers(self, settings: Any) -> dict[str, Hyperparameters] | None:
-        """Return the preset's hyperparameters with these settings by policy; None if they are invalid."""
-        with contextlib.suppress(TrainingError, TypeError, AttributeError):
-            return preset(self.config.preset).numbers_by_policy(settings)
-        return None
 
 
 def _same_teacher(then: str, now: str) -> bool:

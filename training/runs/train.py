@@ -145,14 +145,10 @@ def train(
     with children_awaited():
         run = TrainingRun(config, place, resume=resume, film=film, cluster=cluster, callbacks=callbacks)
         shown(run, quiet=quiet)
-    return TrainedRun(place, newest(place), run.saved, run.tags or _logged_last(place))
-
-
-def _logged_last(folder: Path) -> dict[str, float]:
-    """Return the last logged numbers of a run that was already complete, by tag."""
-    points = read_log(folder / LOG)
+    points = {} if run.tags else read_log(place / LOG)  # a run that was already complete
     last = max((steps for own in points.values() for steps, _ in own), default=0)
-    return {tag: own[-1][1] for tag, own in points.items() if own[-1][0] == last}
+    logged = {tag: own[-1][1] for tag, own in points.items() if own[-1][0] == last}
+    return TrainedRun(place, newest(place), run.saved, run.tags or logged)
 
 
 def shown(run: TrainingRun, *, quiet: bool) -> None:

@@ -6,7 +6,6 @@ import itertools
 import logging
 import threading
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -26,10 +25,10 @@ Json = dict[str, Any]
 
 
 class RunWatcher:
-    """A run in a folder, for its page, which outlast.envs.web.server serves.
+    """A run in a folder, for its page, which outlast.envs.web.server serves. Work is done on request only.
 
-    Work is done on request only. A checkpoint that cannot be played is reported, and the newest playable one is
-    played instead. The first episode grows tick by tick; later ones are available once they are complete.
+    A checkpoint that cannot be played is reported, and the newest playable one is played instead. The first episode
+    grows tick by tick; later ones are available once they are complete.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -99,7 +98,9 @@ class RunWatcher:
                     if not ticks & (ticks - 1) and not (self.recorded and self.recorded["whole"]):
                         self.recorded = _published(known, recorded, whole=False)
 
-                found = record_ticks(played.worlds, _until(stop, played.ticks), [0], after=grown)
+                found = record_ticks(
+                    played.worlds, itertools.takewhile(lambda _: not stop.is_set(), played.ticks), [0], after=grown
+                )
                 made = _published(known, found, whole=True)
         except Exception as error:  # of the file, of the world: an older checkpoint may still play
             why = (str(error) or type(error).__name__).replace(str(path), "it")
@@ -184,7 +185,3 @@ def _published(known: Json, recorded: Recorded, *, whole: bool) -> Json:
     """
     data = base64.b64encode(pack([PageRoom(known["game"], recorded)])).decode()
     return known | {"ticks": _ticks(recorded), "whole": whole, "data": data}
-
-
-def _until(stop: threading.Event, ticks: Iterator[int]) -> Iterator[int]:
-    return itertools.takewhile(lambda _: not stop.is_set(), ticks)
