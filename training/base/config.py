@@ -3,7 +3,7 @@
 import math
 import os
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -54,7 +54,7 @@ class Anneal:
         return round(value) if type(_current(scenario, self.name)) is int else value
 
     def check(self, scenario: Scenario) -> None:
-        """Check that the number can change in the scenario. Raises NumberError or TrainingError."""
+        """Raise NumberError or TrainingError if the number cannot change in the scenario."""
         if isinstance(now := _current(scenario, self.name), (bool, str, tuple)):
             raise TrainingError(f"{self.name} is {now!r}: only a single number can be annealed; change it by --set")
         if "_".join(scenario.find_number(self.name)) in dict(scenario.varied):
@@ -107,10 +107,9 @@ IMITATED = 1_500_000  # agent-steps of imitation, by default
 
 
 def parse_warm_start(text: str) -> tuple[str, int]:
-    """Return the teacher (a name or a path) and the agent-steps of imitation; 0: its weights are taken.
+    """Return the teacher (a name or a path) and the agent-steps of imitation; 0: its weights are taken, with a critic.
 
-    Networks of any kind can be imitated; to take weights, a file needs a critic. "": random weights. Raises
-    TrainingError if the text does not follow the description of `warm_start` in TrainingConfig.
+    "": random weights. Raises TrainingError if the text does not follow the description of `warm_start`.
     """
     no_length = ":" not in text or is_saved(text) or Path(text).is_dir()  # such as C:/runs
     name, _, length = (text, "", "") if no_length else text.rpartition(":")
@@ -148,10 +147,10 @@ def _annealed(given: Any) -> tuple[Anneal, ...]:
 
 def _start(given: Any) -> str:
     start = text_of(given) if isinstance(given, os.PathLike) else given
-    if not isinstance(start, str):
-        needed = f"must be a name, such as '{TEACHERS[0]}', or the path of a saved policy; '' for none"
-        raise TrainingError(f"warm_start = {start!r:.200}: {needed}")
-    return start
+    if isinstance(start, str):
+        return start
+    needed = f"must be a name, such as '{TEACHERS[0]}', or the path of a saved policy; '' for none"
+    raise TrainingError(f"warm_start = {start!r:.200}: {needed}")
 
 
 def _weights(given: Any) -> dict[str, float]:
@@ -178,15 +177,6 @@ PARSERS: dict[str, Callable[[Any], Any]] = {
 def name_of(code: Any) -> str:
     """Return the name of a function or class with its module; of another object, the name of its class."""
     return full_name(code if hasattr(code, "__qualname__") else type(code))
-
-
-def check_importable(name: str, code: Any) -> None:
-    """Raise TrainingError unless a function or class can be imported by the name of its module and its own name."""
-    if imported_code(name_of(code)) is not code:
-        raise TrainingError(
-            f"{name} = {name_of(code)} cannot be imported, but other processes and readers of saved files must import "
-            "it: define it by its name at the top of a module"
-        )
 
 
 @dataclass(frozen=True)
@@ -335,68 +325,61 @@ class TrainingConfig:
             raise TrainingError(str(error)) from None
         for name, value in integers.items():
             object.__setattr__(self, name, int(value))
-        kinds = (kind for module in self.scenario.modules for kind in module.archetypes())
-        if self.dead == "drop" and any(isinstance(part, Return) for kind in kinds for part in kind.parts):
-            raise TrainingError("dead = 'drop': agents respawn here, so a death does not end a return; take 'keep'")
-        if self.prioritised and PAST not in self.opponents and len(self.opponents.keys() - {SELF}) < 2:
-            raise TrainingError("prioritised needs several opponents to choose among: name some, such as self:1,past:1")
-        if self.snapshots != default_of(TrainingConfig, "snapshots") and PAST not in self.opponents:
-            raise TrainingError("snapshots have no effect without past selves: name some opponents, such as past:0.5")
-        _, (teacher, _), (worlds, rollout) = self.numbers, self.teacher, self.size  # reading these checks them
+        _, (teacher, _), _ = self.numbers, self.teacher, self.size  # reading these checks them
         if (file := policy_file(teacher, TEACHERS)) != teacher:  # the run records the name of the file
             object.__setattr__(self, "warm_start", self.warm_start.replace(teacher, file, 1))
-        self._check_cameras()
-        if self.memory and rollout // worlds % CHUNK:
-            fitting = worlds * CHUNK * max(1, round(rollout / worlds / CHUNK))
-            raise TrainingError(
-                f"a rollout of {rollout} steps has {rollout // worlds} of each world: with a memory, it must be a "
-                f"multiple of {CHUNK}, such as --rollout {fitting}"
-            )
         for each in self.anneal:
             each.check(self.scenario)
-        self._check_code()
+        for problem in self._problems():
+            raise TrainingError(problem)
+        object.__setattr__(self, "anneal", tuple(replace(a, steps=a.steps or self.steps) for a in self.anneal))
+
+    def _problems(self) -> Iterator[str]:
+        """Yield why values do not go together."""
+        worlds, rollout = self.size
+        kinds = (kind for module in self.scenario.modules for kind in module.archetypes())
+        if self.dead == "drop" and any(isinstance(part, Return) for kind in kinds for part in kind.parts):
+            yield "dead = 'drop': agents respawn here, so a death does not end a return; take 'keep'"
+        if self.prioritised and PAST not in self.opponents and len(self.opponents.keys() - {SELF}) < 2:
+            yield "prioritised needs several opponents to choose among: name some, such as self:1,past:1"
+        if self.snapshots != default_of(TrainingConfig, "snapshots") and PAST not in self.opponents:
+            yield "snapshots have no effect without past selves: name some opponents, such as past:0.5"
+        trained, asked = preset(self.preset).cameras, cameras_mode(self.scenario)
+        if asked not in (None, MASKED, trained):
+            others = " or ".join(name for name, each in PRESETS.items() if each.cameras == asked)
+            cure = f"leave it as it was{others and f', or take preset {others}'}"
+            yield f"cameras_mode = {asked}: preset {self.preset} trains with {trained}; {cure}"
+        if self.memory and rollout // worlds % CHUNK:
+            fitting = worlds * CHUNK * max(1, round(rollout / worlds / CHUNK))
+            needed = f"with a memory, it must be a multiple of {CHUNK}, such as --rollout {fitting}"
+            yield f"a rollout of {rollout} steps has {rollout // worlds} of each world: {needed}"
+        for name, needed in CODE.items():
+            given = getattr(self, name)
+            for code in given.values() if name == "networks" and isinstance(given, Mapping) else [given]:
+                shared = name == "networks" or (name == "loss" and self.processes > 1)
+                if code is not None and not callable(code):
+                    yield f"{name} = {code!r:.200}: {needed}"
+                elif code is not None and name == "levels" and self.processes > 1:
+                    yield "the levels function runs in one process only: leave out processes"
+                elif code is not None and shared and imported_code(name_of(code)) is not code:
+                    needed = "other processes and readers of saved files must import it"
+                    cure = "define it by its name at the top of a module"
+                    yield f"{name} = {name_of(code)} cannot be imported, but {needed}: {cure}"
+        if self.policies == "shared" and (isinstance(self.networks, Mapping) or len(self.numbers_by_policy) > 1):
+            needed = "need policies of their own: take policies = 'side'"
+            yield f"a preset, networks or numbers of PPO of one side {needed}"
         decisive = [name for name in ("agents_count", "teams_sizes") if name in dict(self.scenario.varied)]
         if self.policies == "side" and "teams" in self.scenario and decisive:
-            raise TrainingError(
-                f"policies = 'side': {decisive[0]} varies, and the sides of agents with it; take 'shared' or 'agent'"
-            )
-        object.__setattr__(self, "anneal", tuple(replace(a, steps=a.steps or self.steps) for a in self.anneal))
-        if self.processes > (most := self.size[0]):
-            raise TrainingError(f"processes = {self.processes}: must be from 1 to {most}, the number of worlds")
+            cure = "take 'shared' or 'agent'"
+            yield f"policies = 'side': {decisive[0]} varies, and the sides of agents with it; {cure}"
+        if self.processes > worlds:
+            yield f"processes = {self.processes}: must be from 1 to {worlds}, the number of worlds"
 
     def check_teacher(self) -> None:
         """Raise TrainingError if a run cannot begin by imitating the teacher; a checkpoint can still be resumed."""
         name, imitated = self.teacher
         if imitated and is_saved(name) and self.processes > 1:
             raise TrainingError(f"{name} draws in sequence: imitate it with one process, then resume with several")
-
-    def _check_cameras(self) -> None:
-        """Raise TrainingError if the preset would replace the cameras_mode that the scenario asks for."""
-        trained, asked = preset(self.preset).cameras, cameras_mode(self.scenario)
-        if asked not in (None, MASKED, trained):
-            others = [name for name, each in PRESETS.items() if each.cameras == asked]
-            cure = f", or take preset {' or '.join(others)}" if others else ""
-            raise TrainingError(
-                f"cameras_mode = {asked}: preset {self.preset} trains with {trained}; leave it as it was{cure}"
-            )
-
-    def _check_code(self) -> None:
-        for name, needed in CODE.items():
-            given = getattr(self, name)
-            for code in given.values() if name == "networks" and isinstance(given, Mapping) else [given]:
-                if code is None:
-                    continue
-                if not callable(code):
-                    raise TrainingError(f"{name} = {code!r:.200}: {needed}")
-                if name == "levels" and self.processes > 1:
-                    raise TrainingError("the levels function runs in one process only: leave out processes")
-                if name == "networks" or (name == "loss" and self.processes > 1):
-                    check_importable(name, code)
-        apart = isinstance(self.networks, Mapping) or len(self.numbers_by_policy) > 1
-        if apart and self.policies == "shared":
-            raise TrainingError(
-                "a preset, networks or numbers of PPO of one side need policies of their own: take policies = 'side'"
-            )
 
     def folder_name(self, *marks: str) -> str:
         """Return the usual name of the run's folder. marks: Differences from other runs that the game's name lacks."""
@@ -406,18 +389,16 @@ class TrainingConfig:
         """Return the part of run.json that determines the results."""
         worlds, rollout = self.size
         kept = {key: value for key, value in vars(self).items() if key not in ("scenario", "every", *HOW)}
-        kept |= {name: kept[name] and self.code_names(kept[name]) for name in CODE}
+        for name in CODE:  # of networks by side, "seeker:mygame.Small,hider:mygame.Large"
+            code = kept[name]
+            by_side = isinstance(code, Mapping) and ",".join(f"{k}:{name_of(v)}" for k, v in code.items())
+            kept[name] = code and (by_side or name_of(code))
         opponents = ",".join(f"{name}:{weight:g}" for name, weight in self.opponents.items())
         kept |= {"worlds": worlds, "rollout": rollout, "opponents": opponents}
         kept["anneal"] = ",".join(map(str, self.anneal))
         if not any(each.anneal_lr for each in self.numbers_by_policy.values()):  # such a run may be extended
             del kept["steps"]
         return {"plan": kept, "scenario": fingerprint(self.scenario), "modules": classes(self.scenario)}
-
-    @staticmethod
-    def code_names(code: Any) -> str:
-        """Return the name of the user's code; for networks by side, "seeker:mygame.Small,hider:mygame.Large"."""
-        return ",".join(f"{k}:{name_of(v)}" for k, v in code.items()) if isinstance(code, Mapping) else name_of(code)
 
     @property
     def numbers(self) -> Hyperparameters:

@@ -31,8 +31,7 @@ def read_log(path: Path) -> Points:
     An incomplete last row is left out: a run may be writing it.
     """
     lines = read_text(path).splitlines(keepends=True)
-    if not lines or lines[0].strip() != ",".join(HEADING):
-        raise TrainingError(f"{path} is not the log of a run: its first line is not {','.join(HEADING)}")
+    _check_heading(path, bool(lines) and lines[0].strip() == ",".join(HEADING))
     points: Points = {}
     for number, line in enumerate(lines[1:], 2):
         if line.endswith("\n"):
@@ -43,6 +42,11 @@ def read_log(path: Path) -> Points:
                 raise TrainingError(f"{path}, line {number}: {wrong}: the file holds several runs")
             before.append((step, value))
     return points
+
+
+def _check_heading(path: Path, sound: bool) -> None:
+    if not sound:
+        raise TrainingError(f"{path} is not the log of a run: its first line is not {','.join(HEADING)}")
 
 
 def _row(path: Path, number: int, line: str) -> tuple[str, int, float]:
@@ -66,15 +70,11 @@ def last_step(path: Path) -> int:
 
 
 def truncate_log(path: Path, steps: int) -> None:
-    """Remove all rows after `steps` agent-steps from a log, and an incomplete last row.
-
-    Raises TrainingError if the file is not a log.
-    """
+    """Remove all rows after `steps` agent-steps from a log, and an incomplete last row. Raises TrainingError."""
     if not path.exists():
         return
     lines = read_text(path).splitlines(keepends=True)
-    if lines and not ",".join(HEADING).startswith(lines[0].strip()):  # the heading may be incomplete, too
-        raise TrainingError(f"{path} is not the log of a run: its first line is not {','.join(HEADING)}")
+    _check_heading(path, not lines or ",".join(HEADING).startswith(lines[0].strip()))  # it may be incomplete, too
     complete = [(number, line) for number, line in enumerate(lines[1:], 2) if line.endswith("\n")]
     kept = [line for number, line in complete if _row(path, number, line)[1] <= steps]
     with atomic_write(path) as place:
@@ -160,10 +160,8 @@ def _means(values: Array, starts: Array) -> Array:
 def curves_of_log(path: Path, known: Callable[[str], bool]) -> Curves:
     """Return the curves in the log of a run.
 
-    Raises EmptyRunError if no episode of the run has ended yet. Raises TrainingError if the file is not a log, or has
-    numbers that cannot be drawn.
-
-    known: Returns whether a tag must have finite values only; other tags may have NaN.
+    Raises EmptyRunError if no episode of the run has ended yet, TrainingError for other files and for numbers that
+    cannot be drawn. known: Returns whether a tag must have finite values only; other tags may have NaN.
     """
     begun = path.exists() and path.stat().st_size > 0  # otherwise the run has not written its first row yet
     points = read_log(path) if begun else {}
@@ -186,11 +184,10 @@ def _spread(rows: list[tuple[int, float]], steps: Array) -> Array:
 
 
 def format_curves(runs: Mapping[str, Described]) -> bytes:
-    """Return runs as a compressed CSV file: their descriptions as JSON in a comment, then a row for each point.
+    """Return runs, by names that are valid for files, as a compressed CSV file; equal runs give equal bytes.
 
-    Numbers have the fewest digits that give the same float32. Equal runs give equal bytes.
-
-    runs: The description of each run, and its curves, by a name that is valid for a file.
+    Their descriptions are JSON in a comment, then there is a row for each point. Numbers have the fewest digits that
+    give the same float32.
     """
     tags, rows = sorted({tag for _, curves in runs.values() for tag in curves.values}), list[list[Any]]()
     for name, (_, curves) in runs.items():
@@ -283,8 +280,8 @@ class MovingAverage:
 def average(runs: Sequence[Curves], tag: str, *, common: bool = False) -> MovingAverage:
     """Average the smoothed curves of the runs that have the tag; at least one must have it.
 
-    Runs are interpolated between their points. common: Take only the points from the latest beginning to the earliest
-    end of these runs, so that the average does not jump when a run ends; the result may be empty.
+    Runs are interpolated between their points. common: Take only the points that all of these runs have, so that the
+    average does not jump when a run ends; the result may be empty.
     """
     curves = [one for one in runs if tag in one.values]
     steps = np.unique(np.concatenate([one.steps for one in curves]))

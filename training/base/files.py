@@ -22,7 +22,7 @@ def read_text(path: Path) -> str:
 
 
 def read_bytes(path: Path, most: int = 0) -> bytes:
-    """Return the content of a file of at most `most` bytes; 0: LARGEST. Raises TrainingError if it cannot be read."""
+    """Return the content of a file of at most `most` bytes; 0: LARGEST. Raises TrainingError."""
     return _read(inputs.read_bytes, path, most or LARGEST)
 
 
@@ -60,10 +60,7 @@ def check_results(paths: Iterable[Path]) -> None:
 
 
 def write_files(contents: Mapping[Path, bytes]) -> list[Path]:
-    """Write files, each completely or not at all; none if one of them cannot be written. Raises TrainingError.
-
-    Returns their paths.
-    """
+    """Write files, each completely; none if one of them cannot be written. Return their paths. Raises TrainingError."""
     check_results(contents)
     for path, content in contents.items():
         with written_to(path, TrainingError):

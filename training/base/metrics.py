@@ -31,9 +31,7 @@ def check_statistics(env: SurvivalVectorEnv, *names: str) -> None:
 
 
 def means_of_sides(values: Array, sides: Array, count: int) -> tuple[Array, Array]:
-    """Return the means over the agents of each side. Agents of a side can have different rewards by role.
-
-    Returns the means, (worlds, sides), 0 for sides without agents; and whether a side has agents, bool (worlds, sides).
+    """Return the means over the agents of each side, (worlds, sides), 0 for empty sides; and whether it has agents.
 
     values: (worlds, agents). sides: The sides of the agents, int (worlds, agents); -1 for absent agents.
     """
@@ -59,8 +57,8 @@ class EpisodeMetrics:
     def add(self, statistics: dict[str, Array], learns: Array) -> None:
         """Add episodes that ended. Must be called before resets.
 
-        statistics: info["statistics"], in which the rows of other worlds are zero. learns: Whether a learner plays an
-        agent, bool (worlds, agents): only learners' returns count.
+        statistics: info["statistics"], with rows of zeros for other worlds. learns: Whether a learner plays an agent,
+        bool (worlds, agents): only learners' returns count.
         """
         worlds, ended = self.base_env.worlds, np.flatnonzero(statistics["length"])
         self.count += len(ended)

@@ -38,11 +38,7 @@ class ObservationLayout:
     """
 
     def __init__(self, shapes: Mapping[str, tuple[int, ...]], fields: "FieldTable | None" = None) -> None:
-        """Compute the layout.
-
-        shapes: Shapes of one agent's observations by key; a key with a companion key_mask is a kind. fields: Fields of
-        the rows, where they matter.
-        """
+        """shapes: Of an agent's observations by key; a key with a companion key_mask is a kind. fields: Of the rows."""
         self.fields = fields or {}
         keys = sorted((key for key in shapes if not key.endswith(MASK)), key=lambda key: (key != OWN, key))
         self.alone = {key: math.prod(shapes[key]) for key in keys if key + MASK not in shapes}

@@ -120,11 +120,9 @@ def _is_scale(given: Any) -> bool:
     return type(given) in (int, float) and SMALLEST <= given < math.inf
 
 
-def _sizes(most: int, least: int) -> Callable[[Any], bool]:
-    """Return a check for a list of 1 to `most` sizes, each at least `least`."""
-    return lambda given: (
-        isinstance(given, list) and 0 < len(given) <= most and all(_is_size(n) and n >= least for n in given)
-    )
+def _are_sizes(given: Any, most: int, least: int) -> bool:
+    """Return whether it is a list of 1 to `most` sizes, each at least `least`."""
+    return isinstance(given, list) and 0 < len(given) <= most and all(_is_size(n) and n >= least for n in given)
 
 
 def is_count(given: Any) -> bool:
@@ -141,8 +139,8 @@ VALIDATORS: dict[str, Callable[[Any], bool]] = {
     "modules": lambda given: isinstance(given, list) and all(map(is_word, given)),
     "observations": _are_observations,
     "fields": _are_fields,
-    "actions": lambda given: _sizes(FEW, 1)(given) and sum(given) <= MOST,
-    "team": _sizes(MOST, 0),
+    "actions": lambda given: _are_sizes(given, FEW, 1) and sum(given) <= MOST,
+    "team": lambda given: _are_sizes(given, MOST, 0),
     "memory": _is_size,
     "networks": lambda given: is_word(given) or (isinstance(given, list) and all(e == "" or is_word(e) for e in given)),
     "state": _is_size,
@@ -163,8 +161,8 @@ Weights = Mapping[str, Array]
 def content(header: Header, policies: Sequence[Weights], exact: str | None = None) -> bytes:
     """Return the content of a file of policies; equal policies give equal bytes.
 
-    header: The content of run.json. policies: Weights of each policy by name, float32; they are rounded to float16.
-    exact: Prefix of weights that stay float32; "": all; None: none.
+    policies: Weights of each policy by name, float32; they are rounded to float16. exact: Prefix of weights that stay
+    float32; "": all; None: none.
     """
     tensors = {
         name: value.astype(np.float32 if exact is not None and name.partition(".")[2].startswith(exact) else np.float16)
@@ -184,9 +182,9 @@ def write(path: Path, header: Header, policies: Sequence[Weights], exact: str | 
 
 
 def read(path: Path) -> tuple[Header, list[dict[str, Array]]]:
-    """Return run.json and the weights of each policy by name, float32 if the file is a file of weights.
+    """Return run.json and the weights of each policy by name, float32 if the file is one of weights.
 
-    Raises TrainingError if the file cannot be read, or has other content.
+    Raises TrainingError.
     """
     if path.suffix != SUFFIX:
         header, files = read_checkpoint(path, (WEIGHTS,), NEEDED)
@@ -197,10 +195,7 @@ def read(path: Path) -> tuple[Header, list[dict[str, Array]]]:
 
 
 def parse_weights(data: bytes, name: object = WEIGHTS) -> list[dict[str, Array]]:
-    """Return the weights of each policy in a checkpoint by name, unchecked.
-
-    name: Name of the file in errors. Raises TrainingError if the data has other content.
-    """
+    """Return the weights of each policy in a checkpoint by name, unchecked. Raises TrainingError with the name."""
     try:
         return _by_policy(parse_tensors(data)[1], name)
     except ValueError as error:
@@ -208,17 +203,13 @@ def parse_weights(data: bytes, name: object = WEIGHTS) -> list[dict[str, Array]]
 
 
 def read_header(path: Path, needed: Collection[str]) -> Header:
-    """Return run.json of a saved policy, which must have these keys: a file of weights or a checkpoint.
-
-    Raises TrainingError if the file cannot be read, or has other content.
-    """
+    """Return run.json of a saved policy, which must have these keys. Raises TrainingError."""
     if path.suffix == SUFFIX:
         return parse_header(path, _opened(path)[0].encode(), needed)
     return read_checkpoint(path, (), needed)[0]
 
 
 def _numbered(policies: Sequence[Weights]) -> dict[str, Array]:
-    """Return the tensors of a file of these policies."""
     return {f"{k}.{name}": values for k, own in enumerate(policies) for name, values in own.items()}
 
 
@@ -251,10 +242,7 @@ def tensors_content(tensors: Mapping[str, Array], text: str = "") -> bytes:
 
 
 def parse_tensors(data: bytes) -> tuple[str, dict[str, Array]]:
-    """Return the text and the tensors of a file, in order of their names. Memory is bounded by the length of `data`.
-
-    Raises ValueError for other content.
-    """
+    """Return the text and the tensors of a file, sorted, in memory of the length of `data`. Raises ValueError."""
     safetensors = _safetensors()
     try:
         tensors = dict(sorted(safetensors.numpy.load(data).items()))  # whose order is random

@@ -67,8 +67,8 @@ class Hyperparameters:
     ) -> dict[str, "Hyperparameters"]:
         """Return copies with other settings by the name of the policy, "" for those that are not named.
 
-        settings: "ent_coef" for all policies, "seeker:ent_coef" for one of them. own: The numbers of policies to which
-        settings are applied instead of these. Raises TrainingError as `changed`.
+        settings: "ent_coef" for all policies, "seeker:ent_coef" for one of them. own: The numbers of policies that have
+        others than these. Raises TrainingError as `changed`.
         """
         given = dict[str, dict[str, Any]]({name: {} for name in ("", *own)})
         for name, value in settings.items():
@@ -105,8 +105,6 @@ def parse_hyperparameters(texts: Iterable[str]) -> dict[str, Any]:
 
 WORLDS, ROLLOUT = 64, 16384  # worlds of a rollout, and its environment steps, which one world plays in the paper
 DEAD = ("keep", "drop")  # an agent's samples go on until its episode ends, or they end with its death
-
-
 PAPER_NUMBERS = Hyperparameters()
 FAST = Hyperparameters(
     learning_rate=2e-3,
@@ -184,19 +182,14 @@ class Preset:
         return scenario.replace(cameras_mode=self.cameras).titled_as(scenario)
 
     def difference(self, recorded: Any, scenario: Scenario) -> str:
-        """Return the difference between a recorded scenario and this preset's version of `scenario`; "": none.
-
-        recorded: The fingerprint of the recorded scenario. scenario: The requested one, without the observations that
-        the preset or opponents need.
-        """
+        """Return the difference between a recorded fingerprint and this preset's version of a scenario; "": none."""
         found = [difference(recorded, fingerprint(form)) for form in forms(self.scenario(scenario))]
         return found[0] if all(found) else ""
 
     def size(self, agents: int, worlds: int = 0, rollout: int = 0) -> tuple[int, int]:
         """Return the number of worlds with this many agents, and the environment steps of a rollout of all of them.
 
-        worlds, rollout: Requested values; 0: those of the preset. Raises TrainingError if the worlds cannot share the
-        steps evenly.
+        worlds, rollout: Requested values; 0: those of the preset. Raises TrainingError if they do not fit.
         """
         worlds = worlds or (max(1, self.agents // agents) if self.agents else WORLDS)
         rollout = rollout or (worlds * self.steps if self.steps else ROLLOUT)
@@ -223,10 +216,7 @@ PRESETS = {
 
 
 def preset(name: Any) -> Preset:
-    """Return the preset of that name, such as "fast", or "fast,seeker:paper" with another one for a side.
-
-    Raises ScenarioError, which lists all presets, for any other name.
-    """
+    """Return the preset "fast" or "fast,seeker:paper". Raises ScenarioError, which lists all presets."""
     try:
         chosen = by_side(str(name))
     except ValueError as error:

@@ -19,10 +19,7 @@ T = TypeVar("T")
 
 
 def spawning() -> Any:
-    """Return the context of multiprocessing that spawns processes; a fork would share PyTorch's threads.
-
-    Raises TrainingError if the running program is not a file, so other processes cannot import it.
-    """
+    """Return the context that spawns processes; a fork would share PyTorch's threads. Raises TrainingError."""
     place = str(getattr(sys.modules["__main__"], "__file__", ""))
     if place.startswith("<"):
         where = "standard input" if place == "<stdin>" else place
@@ -33,41 +30,36 @@ def spawning() -> Any:
 def results(jobs: Sequence[Callable[[], T]], at_once: int) -> Iterator[T]:
     """Run jobs, and yield their results in order.
 
+    An exception in one of them is raised here and ends all others, as do Ctrl-C and a caller that stops iterating.
     Raises TrainingError if a process was ended from outside, or cannot import the program that starts it.
 
-    jobs: Functions that can be pickled, such as partials of functions of a module. An exception in one of them is
-    raised here and ends all others, as do Ctrl-C and a caller that stops iterating. at_once: Number of processes; 1:
-    the jobs run in this process.
+    jobs: Functions that can be pickled. at_once: Number of processes; 1: the jobs run in this process.
     """
     count = min(at_once, len(jobs))
     if count <= 1:
         yield from (job() for job in jobs)
         return
     with children_awaited():
-        yield from _in_processes(jobs, count)
-
-
-def _in_processes(jobs: Sequence[Callable[[], T]], count: int) -> Iterator[T]:
-    before = set(multiprocessing.active_children())
-    context = spawning()
-    begun = context.RawValue("b", 0)  # no lock: a killed process could still hold it
-    pool = ProcessPoolExecutor(count, context, _begin, (begun,))
-    try:
-        with ignored("SIGINT", "SIGUSR1"):  # a terminal sends Ctrl-C to all processes, and this one handles it
-            pending = [pool.submit(job) for job in jobs]
-            pool.submit(int)  # wakes the pool's thread; otherwise it misses the end of the last process started
-        for future in pending:
-            yield future.result()
-    except BaseException as error:
-        for process in set(multiprocessing.active_children()) - before:
-            process.kill()  # otherwise it finishes its job first; a broken pool misses processes that have just started
-        if not isinstance(error, BrokenProcessPool):
-            raise
-        if not begun.value:
-            raise TrainingError(f"a process ended before it could play: {GUARD}") from None
-        raise TrainingError("a process that played was ended, maybe as memory ran out: take fewer --jobs") from None
-    finally:
-        pool.shutdown(cancel_futures=True)
+        before = set(multiprocessing.active_children())
+        context = spawning()
+        begun = context.RawValue("b", 0)  # no lock: a killed process could still hold it
+        pool = ProcessPoolExecutor(count, context, _begin, (begun,))
+        try:
+            with ignored("SIGINT", "SIGUSR1"):  # a terminal sends Ctrl-C to all processes, and this one handles it
+                pending = [pool.submit(job) for job in jobs]
+                pool.submit(int)  # wakes the pool's thread; otherwise it misses the end of the last process started
+            for future in pending:
+                yield future.result()
+        except BaseException as error:
+            for process in set(multiprocessing.active_children()) - before:
+                process.kill()  # or it finishes its job first; a broken pool misses those that have just started
+            if not isinstance(error, BrokenProcessPool):
+                raise
+            if not begun.value:
+                raise TrainingError(f"a process ended before it could play: {GUARD}") from None
+            raise TrainingError("a process that played was ended, maybe as memory ran out: take fewer --jobs") from None
+        finally:
+            pool.shutdown(cancel_futures=True)
 
 
 def _begin(begun: Any) -> None:

@@ -57,8 +57,8 @@ COLUMNS = {
 def combinable(tags: Sequence[str]) -> Sequence[str]:
     """Return the tags of one statistic in a log that are combined into one number.
 
-    Where episodes differ in their sides, means of sides are over different episodes and cannot be added up. Then the
-    value of all sides is logged, too, under the tag without a number; in that case only this tag is returned.
+    Where episodes differ in their sides, means of sides cannot be added up: only the tag without a number, that of all
+    sides, is returned.
     """
     return [tag for tag in tags if f"{tag}0" in tags] or tags
 
@@ -85,14 +85,6 @@ class Figure:
     text: str  # the displayed number
 
 
-def _rate(value: float) -> str:
-    return f"{large(value)}/s"
-
-
-def _fixed(digits: int) -> Callable[[float], str]:
-    return lambda value: f"{value:,.{digits}f}"
-
-
 def _mean(values: Iterable[float]) -> float:
     each = list(values)
     return sum(each) / len(each)
@@ -101,15 +93,15 @@ def _mean(values: Iterable[float]) -> float:
 # Group, name, pattern of the tags (there may be one for each side or agent), the function that combines their values,
 # and the format of the result.
 _FIGURES: tuple[tuple[str, str, str, Callable[[Iterable[float]], float], Callable[[float], str]], ...] = (
-    ("speed", "collecting", r"time/collected_per_second", _mean, _rate),
-    ("speed", "updating", r"time/updated_per_second", _mean, _rate),
-    ("episodes", "length", r"rollout/steps", _mean, _fixed(0)),
-    ("episodes", "return", r"rollout/reward\d+", _mean, _fixed(1)),
-    ("episodes", "kills", r"rollout/kills\d*", sum, _fixed(2)),
-    ("episodes", "heals used", r"rollout/heals_used", _mean, _fixed(2)),
-    ("learning", "epochs", r"train/epochs", _mean, _fixed(1)),
-    ("learning", "KL", r"train/approx_kl", _mean, _fixed(4)),
-    ("learning", "entropy", r"train/entropy", _mean, _fixed(2)),
+    ("speed", "collecting", r"time/collected_per_second", _mean, lambda value: f"{large(value)}/s"),
+    ("speed", "updating", r"time/updated_per_second", _mean, lambda value: f"{large(value)}/s"),
+    ("episodes", "length", r"rollout/steps", _mean, "{:,.0f}".format),
+    ("episodes", "return", r"rollout/reward\d+", _mean, "{:,.1f}".format),
+    ("episodes", "kills", r"rollout/kills\d*", sum, "{:,.2f}".format),
+    ("episodes", "heals used", r"rollout/heals_used", _mean, "{:,.2f}".format),
+    ("learning", "epochs", r"train/epochs", _mean, "{:,.1f}".format),
+    ("learning", "KL", r"train/approx_kl", _mean, "{:,.4f}".format),
+    ("learning", "entropy", r"train/entropy", _mean, "{:,.2f}".format),
     ("learning", "learning rate", r"train/learning_rate", _mean, "{:.1e}".format),
 )
 GROUPS = ("speed", "episodes", "wins", "learning")  # in the order of display
@@ -119,10 +111,10 @@ APART = 4  # returns of at most this many sides are shown one by one if they dif
 
 
 def headline(tags: Mapping[str, float]) -> list[Figure]:
-    """Return the figures that have tags, in the order in which to show them, without values that are not finite.
+    """Return the finite figures that have tags, in the order in which to show them.
 
-    tags: The last logged values, by tag. Where tags are numbered ("rollout/kills0"), the kills of all sides are added
-    up, and returns are averaged; the text of a few sides lists them one by one.
+    tags: The last logged values, by tag. Where tags are numbered ("rollout/kills0"), kills of sides are added up, and
+    returns are averaged; the text of a few sides lists them one by one.
     """
     finite = {tag: value for tag, value in tags.items() if math.isfinite(value)}
     found = []
@@ -159,7 +151,7 @@ def digits(value: float) -> str:
 
 
 def spread(values: Sequence[float]) -> str:
-    """Format the 95 % bootstrap interval of a mean over runs, see statistics.interval; "" for a single run."""
+    """Format the 95 % bootstrap interval of a mean over runs; "" for a single run."""
     ends = interval(values)
     return "" if ends is None else f"{number(ends[0])} to {number(ends[1])}"
 
@@ -183,10 +175,9 @@ def with_error(mean: float, error: float) -> str:
 
 
 def pivot(rows: Sequence[Sequence[str]], down: int, across: int) -> tuple[list[str], list[list[str]]]:
-    """Return the heads and the lines of a table of means and errors, by two cells of each row.
+    """Return the heads and the lines of a table of means and errors, the last two cells of each row, as text.
 
-    rows: The last two cells are the mean and its error, as text. down, across: Which cells begin a line, and which are
-    the heads of the columns; if these are the same names, they come in the same order.
+    down, across: Which cells begin a line, and which are the heads of the columns, in the same order if they are alike.
     """
     names, heads = (list(dict.fromkeys(row[k] for row in rows)) for k in (down, across))
     heads = names if {*names} == {*heads} else heads
@@ -219,9 +210,7 @@ BETWEEN = " · "  # separator of figures
 
 
 class LiveView(Progress):
-    """The progress of a run with its figures, in a line for each group of them (see `headline`).
-
-    Lines are shortened to the terminal's width. Numbers that are missing in an update keep their values.
+    """The progress of a run with its figures, in a line for each group of them, shortened to the terminal's width.
 
     >>> view = LiveView(done=0, total=10_000_000)
     >>> view.now("collecting")
@@ -244,11 +233,7 @@ class LiveView(Progress):
         super().__init__(total, unit, done=done, quiet=quiet, file=file, about=about)
 
     def update(self, done: int, total: int, shown: Mapping[str, float]) -> None:
-        """Show the progress of the run, and its numbers.
-
-        done: Agent-steps done, including earlier ones. total: Agent-steps at the end. shown: Values by tag, as they are
-        logged; may include tags that are never shown.
-        """
+        """Show the progress of the run, and its numbers by tag; those that are missing keep their values."""
         self.tags |= shown
         self.show(done, total)
         if self.bar is not None:

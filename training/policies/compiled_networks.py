@@ -7,7 +7,7 @@ layers while its numbers are in the cache, and other threads of Python run at th
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple, cast
+from typing import Any, cast
 
 import numpy as np
 import torch
@@ -433,8 +433,8 @@ class Plan:
 
     def call(
         self, seen: Rows, known: Array, weights: Sequence[Tensor], biases: Sequence[Tensor | None], packed: Any = None
-    ) -> "Call":
-        """Allocate memory for the results of layers for a batch.
+    ) -> tuple[Array, list[Any]]:
+        """Return the arguments of the kernels for a batch, and the arrays at their addresses.
 
         known: int64, `seen.known` without gaps. packed: Weights that `pack` has copied; None: memory for them.
         """
@@ -447,14 +447,7 @@ class Plan:
         given += [each.data_ptr() for each in weights] + [0 if each is None else each.data_ptr() for each in biases]
         given += [self.fields.ctypes.data, known.ctypes.data, count, self.width]
         given += [packed.data_ptr(), likely.data_ptr(), 0, 0]
-        return Call(np.array(given), [*kept, packed, likely, known, *weights, *biases])
-
-
-class Call(NamedTuple):
-    """Arguments of the kernels, and the arrays at their addresses."""
-
-    given: Array
-    kept: list[Any]
+        return np.array(given), [*kept, packed, likely, known, *weights, *biases]
 
 
 class Evaluation(torch.autograd.Function):
@@ -464,30 +457,30 @@ class Evaluation(torch.autograd.Function):
     def forward(context: Any, plan: Plan, seen: Rows, *parameters: Tensor | None) -> tuple[Tensor, Tensor]:
         """Compute both."""
         weights = cast(Sequence[Tensor], parameters[:LAYERS])
-        call = plan.call(seen, np.ascontiguousarray(seen.known), weights, parameters[LAYERS:])
+        call, kept = plan.call(seen, np.ascontiguousarray(seen.known), weights, parameters[LAYERS:])
         for function in functions()[:2]:
-            function(call.given.ctypes.data)
-        context.plan, context.call, context.parameters = plan, call, parameters
+            function(call.ctypes.data)
+        context.plan, context.call, context.parameters = plan, (call, kept), parameters
         count, outputs = len(seen), len(weights[6])
-        return call.kept[LOGITS].view(count, plan.logits)[:, :outputs], call.kept[VALUES].view(count, VECTOR)[:, 0]
+        return kept[LOGITS].view(count, plan.logits)[:, :outputs], kept[VALUES].view(count, VECTOR)[:, 0]
 
     @staticmethod
     def backward(context: Any, logits: Tensor, values: Tensor) -> tuple[Any, ...]:
         """Compute the gradients of the parameters. It can be called once only, since it overwrites its input."""
-        plan, call, parameters = context.plan, context.call, context.parameters
+        plan, (call, kept), parameters = context.plan, context.call, context.parameters
         del context.call
         count, most = len(values), 0
         if count:
-            most = int(np.add.reduceat(call.kept[8], np.arange(0, count, BLOCK)).max())
+            most = int(np.add.reduceat(kept[8], np.arange(0, count, BLOCK)).max())
         slopes = torch.empty(BLOCK * plan.agent, **FLOAT), torch.empty(most * plan.row, **FLOAT)
         ends = torch.zeros(count, plan.logits, **FLOAT), torch.zeros(count, VECTOR, **FLOAT)
         ends[0][:, : logits.shape[1]], ends[1][:, 0] = logits, values
         sizes = [0 if each is None else each.numel() for each in parameters]
         order = [k for pair in zip(range(LAYERS), range(LAYERS, 2 * LAYERS), strict=True) for k in pair]
         found, gradients = torch.zeros(plan.size, **FLOAT), torch.empty(sum(sizes), **FLOAT)
-        call.given[SLOPES + AGENTS : SLOPES + VALUES + 1] = [each.data_ptr() for each in (*slopes, *ends)]
-        call.given[FOUND:] = found.data_ptr(), gradients.data_ptr()
-        functions()[2](call.given.ctypes.data)
+        call[SLOPES + AGENTS : SLOPES + VALUES + 1] = [each.data_ptr() for each in (*slopes, *ends)]
+        call[FOUND:] = found.data_ptr(), gradients.data_ptr()
+        functions()[2](call.ctypes.data)
         each = dict(zip(order, torch.split(gradients, [sizes[k] for k in order]), strict=True))
         return None, None, *(None if given is None else each[k].view(given.shape) for k, given in enumerate(parameters))
 
@@ -502,9 +495,10 @@ class Acting:
         self.sizes, self.packed = np.array(networks.sizes, np.int64), torch.empty(self.plan.size, **FLOAT)
         self.room = torch.empty(self.plan.logits, **FLOAT)
         none = torch.empty((0, 1), **FLOAT)
-        functions()[0](self._call(Rows(none, none, torch.zeros(0, **INDEX))).given.ctypes.data)
+        call, _kept = self._call(Rows(none, none, torch.zeros(0, **INDEX)))  # kept until the kernel has read it
+        functions()[0](call.ctypes.data)
 
-    def _call(self, seen: Rows) -> "Call":
+    def _call(self, seen: Rows) -> tuple[Array, list[Any]]:
         weights, biases = self.parameters[:LAYERS], self.parameters[LAYERS:]
         return self.plan.call(seen, np.ascontiguousarray(seen.known), weights, biases, self.packed)
 
@@ -514,16 +508,16 @@ class Acting:
         uniform: float32 (agents, actions), random numbers from 0 to below 1. idle: bool (agents, actions), whether an
         action is not drawn but has the value in `noop`, int64 (actions,); None: all are drawn.
         """
-        count, call, uniform = len(seen), self._call(seen), np.ascontiguousarray(uniform)
+        count, (call, kept), uniform = len(seen), self._call(seen), np.ascontiguousarray(uniform)
         idle = None if idle is None else np.ascontiguousarray(idle)
-        call.given[EXPONENTIALS] = self.room.data_ptr()
+        call[EXPONENTIALS] = self.room.data_ptr()
         actions, logs = np.empty((count, len(self.sizes)), np.int64), np.empty(count, np.float32)
         given = uniform.ctypes.data, 0 if idle is None else idle.ctypes.data, noop.ctypes.data
         written = actions.ctypes.data, logs.ctypes.data
         _, evaluating, _, choosing = functions()
-        evaluating(call.given.ctypes.data)
-        choosing(call.given.ctypes.data, self.sizes.ctypes.data, len(self.sizes), *given, *written)
-        return actions, torch.from_numpy(logs), call.kept[VALUES].view(count, VECTOR)[:, 0]
+        evaluating(call.ctypes.data)
+        choosing(call.ctypes.data, self.sizes.ctypes.data, len(self.sizes), *given, *written)
+        return actions, torch.from_numpy(logs), kept[VALUES].view(count, VECTOR)[:, 0]
 
 
 def evaluated(networks: Any, seen: Rows) -> tuple[Tensor, Tensor]:

@@ -317,18 +317,17 @@ class Packer:
 
     def __call__(self, observations: Mapping[str, Array]) -> Observed:
         """Pack observations by key, float32 (..., *layout.shapes[key]) or lists, see make_vec(observations="rows")."""
-        return self._padded(observations) if self.leaky else self._rows(observations)
-
-    def own(self, observations: Mapping[str, Array]) -> Array:
-        """Return the numbers that belong to no entity, as observed: float32 (batch, layout.own)."""
-        return np.concatenate([observations[key].reshape(-1, width) for key, width in self.layout.alone.items()], 1)
-
-    def _padded(self, observations: Mapping[str, Array]) -> PaddedRows:
+        if not self.leaky:
+            return self._rows(observations)
         batch = observations[OWN].size // self.layout.shapes[OWN][0]
         packed = np.zeros((batch, self.layout.size), np.float32)
         for key, view in self.layout.views(packed).items():
             view[...] = observations[key].reshape(view.shape)
         return PaddedRows(torch.from_numpy(packed), self.layout)
+
+    def own(self, observations: Mapping[str, Array]) -> Array:
+        """Return the numbers that belong to no entity, as observed: float32 (batch, layout.own)."""
+        return np.concatenate([observations[key].reshape(-1, width) for key, width in self.layout.alone.items()], 1)
 
     def _rows(self, observations: Mapping[str, Array]) -> Rows:
         own = self.own(observations)
