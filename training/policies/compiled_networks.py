@@ -431,23 +431,22 @@ class Plan:
         self.zeros = torch.zeros(max(2 * width, hidden, self.logits) + 1, **FLOAT)
         self.zeros[-1] = 1
 
-    def call(
-        self, seen: Rows, known: Array, weights: Sequence[Tensor], biases: Sequence[Tensor | None], packed: Any = None
-    ) -> tuple[Array, list[Any]]:
+    def call(self, seen: Rows, parameters: Sequence[Any], packed: Any = None) -> tuple[Array, list[Any]]:
         """Return the arguments of the kernels for a batch, and the arrays at their addresses.
 
-        known: int64, `seen.known` without gaps. packed: Weights that `pack` has copied; None: memory for them.
+        parameters: As of `_parameters`. packed: Weights that `pack` has copied; None: memory for them.
         """
+        known = np.ascontiguousarray(seen.known)
         count, rows, pairs = len(seen), len(seen.entities), int(known @ known)
         sizes = count * self.agent, rows * self.row, count * self.logits, count * VECTOR, pairs * self.width
         agents, entities, logits, values, likely = (torch.empty(size, **FLOAT) for size in sizes)
         packed = torch.empty(self.size, **FLOAT) if packed is None else packed
         kept = seen.own.contiguous(), seen.entities.contiguous(), agents, entities, logits, values
         given = [each.data_ptr() for each in kept] + [self.zeros.data_ptr(), self.zeros[-1].data_ptr(), 0, 0, 0, 0]
-        given += [each.data_ptr() for each in weights] + [0 if each is None else each.data_ptr() for each in biases]
+        given += [0 if each is None else each.data_ptr() for each in parameters]
         given += [self.fields.ctypes.data, known.ctypes.data, count, self.width]
         given += [packed.data_ptr(), likely.data_ptr(), 0, 0]
-        return np.array(given), [*kept, packed, likely, known, *weights, *biases]
+        return np.array(given), [*kept, packed, likely, known, *parameters]
 
 
 class Evaluation(torch.autograd.Function):
@@ -456,12 +455,11 @@ class Evaluation(torch.autograd.Function):
     @staticmethod
     def forward(context: Any, plan: Plan, seen: Rows, *parameters: Tensor | None) -> tuple[Tensor, Tensor]:
         """Compute both."""
-        weights = cast(Sequence[Tensor], parameters[:LAYERS])
-        call, kept = plan.call(seen, np.ascontiguousarray(seen.known), weights, parameters[LAYERS:])
+        call, kept = plan.call(seen, parameters)
         for function in functions()[:2]:
             function(call.ctypes.data)
         context.plan, context.call, context.parameters = plan, (call, kept), parameters
-        count, outputs = len(seen), len(weights[6])
+        count, outputs = len(seen), len(cast(Tensor, parameters[6]))
         return kept[LOGITS].view(count, plan.logits)[:, :outputs], kept[VALUES].view(count, VECTOR)[:, 0]
 
     @staticmethod
@@ -495,12 +493,9 @@ class Acting:
         self.sizes, self.packed = np.array(networks.sizes, np.int64), torch.empty(self.plan.size, **FLOAT)
         self.room = torch.empty(self.plan.logits, **FLOAT)
         none = torch.empty((0, 1), **FLOAT)
-        call, _kept = self._call(Rows(none, none, torch.zeros(0, **INDEX)))  # kept until the kernel has read it
+        seen = Rows(none, none, torch.zeros(0, **INDEX))
+        call, _kept = self.plan.call(seen, self.parameters, self.packed)  # kept until the kernel has read it
         functions()[0](call.ctypes.data)
-
-    def _call(self, seen: Rows) -> tuple[Array, list[Any]]:
-        weights, biases = self.parameters[:LAYERS], self.parameters[LAYERS:]
-        return self.plan.call(seen, np.ascontiguousarray(seen.known), weights, biases, self.packed)
 
     def __call__(self, seen: Rows, uniform: Array, idle: Array | None, noop: Array) -> tuple[Array, Tensor, Tensor]:
         """Return the actions, int64 (agents, actions), their log-probabilities and the values, float32 (agents,).
@@ -508,7 +503,8 @@ class Acting:
         uniform: float32 (agents, actions), random numbers from 0 to below 1. idle: bool (agents, actions), whether an
         action is not drawn but has the value in `noop`, int64 (actions,); None: all are drawn.
         """
-        count, (call, kept), uniform = len(seen), self._call(seen), np.ascontiguousarray(uniform)
+        count, uniform = len(seen), np.ascontiguousarray(uniform)
+        call, kept = self.plan.call(seen, self.parameters, self.packed)
         idle = None if idle is None else np.ascontiguousarray(idle)
         call[EXPONENTIALS] = self.room.data_ptr()
         actions, logs = np.empty((count, len(self.sizes)), np.int64), np.empty(count, np.float32)
@@ -527,7 +523,7 @@ def evaluated(networks: Any, seen: Rows) -> tuple[Tensor, Tensor]:
 
 
 def _parameters(networks: Any) -> list[Any]:
-    """Return the weights of all layers, and their biases."""
+    """Return the weights of all layers, and then their biases, which may be None."""
     extractor, actor, critic = networks.extractors[0], networks.actor, networks.critic
     entities = torch.cat([extractor.weight * extractor.scale, extractor.bias])
     own, attention = extractor.own.weight * extractor.own_scale, extractor.attention
