@@ -139,7 +139,12 @@ def thinned(curves: Curves, most: int) -> Curves:
     """Reduce curves to at most `most` points, each the mean of neighbours, at the last of their steps."""
     starts = np.arange(0, len(curves.steps), -(-len(curves.steps) // most))
     ends = np.append(starts[1:], len(curves.steps)) - 1
-    values = {tag: _means(own, starts) for tag, own in curves.values.items()}
+    values = dict[str, Array]()
+    for tag, own in curves.values.items():
+        there = np.isfinite(own)  # a part without a number is NaN
+        counts = np.add.reduceat(there, starts, dtype=np.float64)
+        sums = np.add.reduceat(np.where(there, own, 0), starts, dtype=np.float64)
+        values[tag] = np.where(counts > 0, sums / np.maximum(counts, 1), np.nan).astype(np.float32)
     return Curves(curves.steps[ends], values)
 
 
@@ -147,14 +152,6 @@ def rounded(curves: Curves, digits: int) -> Curves:
     """Round the values of curves to a number of significant digits."""
     values = {tag: np.array([f"{value:.{digits}g}" for value in own], np.float32) for tag, own in curves.values.items()}
     return Curves(curves.steps, values)
-
-
-def _means(values: Array, starts: Array) -> Array:
-    """Return the means of parts that begin at `starts`, without NaN; NaN if a part holds nothing else."""
-    there = np.isfinite(values)
-    counts = np.add.reduceat(there, starts, dtype=np.float64)
-    sums = np.add.reduceat(np.where(there, values, 0), starts, dtype=np.float64)
-    return np.where(counts > 0, sums / np.maximum(counts, 1), np.nan).astype(np.float32)
 
 
 def curves_of_log(path: Path, known: Callable[[str], bool]) -> Curves:

@@ -11,7 +11,6 @@ from outlast.envs.core.agents import alive, counted, present, side
 from outlast.envs.core.spaces import published
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.summary import MOMENTS
-from outlast.envs.scenarios.scenario import Scenario
 from outlast.systems import Agents, Melee
 
 from .errors import TrainingError
@@ -97,7 +96,9 @@ class BehaviourMetrics:
     """Behaviour of agents: means over the living agents of a rollout. Gifts are counted tick by tick."""
 
     def __init__(self, base_env: SurvivalVectorEnv) -> None:
-        self.base_env, self._reach = base_env, _reach(base_env.scenario)
+        self.base_env, self._reach = base_env, tuple[str, ...]()
+        if Melee in (scenario := base_env.scenario) and Agents in scenario:  # their sum is the reach to a struck centre
+            self._reach = f"{scenario[Melee].name}_reach", f"{scenario[Agents].name}_radius"
         has_heals = "heals" in base_env.scenario and Item in base_env.worlds
         self.heals = base_env.worlds.span("heal") if has_heals else None
         self.agents = base_env.worlds.span("agent")
@@ -167,15 +168,15 @@ class BehaviourMetrics:
             found["zone_distance"] = np.linalg.norm(place - middle, axis=-1), living
         if "attack" in self.action_names and self._reach:
             attack = actions[..., self.action_names.index("attack")]
-            near = self._near(place, self._sides(views), living, self._striking() if reaches is None else reaches)
+            sides = (
+                views[OWN][..., columns_of(fields[OWN], "team")]
+                if "team" in fields[OWN]
+                else np.arange(attack.shape[-1])
+            )
+            near = self._near(place, sides, living, self._striking() if reaches is None else reaches)
             found |= {"attack_near": (attack, living & near), "attack_far": (attack, living & ~near)}
             found["near"] = near, living
         return found
-
-    def _sides(self, views: dict[str, Array]) -> Array:
-        """Return the side that each agent observes itself to be on; without teams, every agent has its own side."""
-        fields, count = self.base_env.fields[OWN], self.base_env.num_agents
-        return views[OWN][..., columns_of(fields, "team")] if "team" in fields else np.arange(count)
 
     def _striking(self) -> Array:
         """Return the reach to the centre of a struck agent, (worlds, striker, struck); any axis may be 1."""
@@ -249,10 +250,3 @@ def means(tallies: Iterable[Tallies]) -> dict[str, float]:
     if "rollout/episodes" in sums:  # a count: the sum over all tallies
         means["rollout/episodes"] = float(sums["rollout/episodes"][0])
     return means
-
-
-def _reach(scenario: Scenario) -> tuple[str, ...]:
-    """Return names of the two numbers whose sum is the reach to a struck enemy's centre; () without melee."""
-    if Melee not in scenario or Agents not in scenario:
-        return ()
-    return f"{scenario[Melee].name}_reach", f"{scenario[Agents].name}_radius"

@@ -2,12 +2,13 @@
 
 import csv
 import io
+import itertools
 import math
 import re
 import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, TextIO
+from typing import Any
 
 from outlast.envs.progress import Progress, large
 
@@ -218,19 +219,10 @@ class LiveView(Progress):
     >>> view.close()
     """
 
-    def __init__(
-        self,
-        done: int,
-        total: int,
-        *,
-        quiet: bool = False,
-        file: TextIO | None = None,
-        about: str = "",
-        unit: str = "agent-steps",
-    ) -> None:
+    def __init__(self, done: int, total: int, *, unit: str = "agent-steps", **options: Any) -> None:
         """Show the beginning of the run, with `done` of `total` agent-steps, or of another unit; see Progress."""
         self.tags = dict[str, float]()
-        super().__init__(total, unit, done=done, quiet=quiet, file=file, about=about)
+        super().__init__(total, unit, done=done, **options)
 
     def update(self, done: int, total: int, shown: Mapping[str, float]) -> None:
         """Show the progress of the run, and its numbers by tag; those that are missing keep their values."""
@@ -241,24 +233,20 @@ class LiveView(Progress):
 
     def below(self, columns: int) -> list[str]:
         """Return the line of each group of figures, of at most `columns` characters."""
-        return [fitted(name, figures, columns) for name, figures in self._groups()]
+        lines = list[str]()
+        for name, figures in self._groups():
+            text = name.ljust(NAME)
+            for k, figure in enumerate(figures):
+                more = f"{BETWEEN if k else ''}{figure.name} {figure.text}"
+                if k and len(text) + len(more) > columns:
+                    break
+                text += more
+            lines.append(text[: max(0, columns)])
+        return lines
 
     def beside(self) -> list[str]:
         """Return the figures of each group, for the line of a log."""
         return [f"{name}: {', '.join(f'{each.name} {each.text}' for each in own)}" for name, own in self._groups()]
 
     def _groups(self) -> list[tuple[str, list[Figure]]]:
-        figures = headline(self.tags)
-        groups = [(group, [figure for figure in figures if figure.group == group]) for group in GROUPS]
-        return [(name, members) for name, members in groups if members]
-
-
-def fitted(name: str, figures: Sequence[Figure], width: int) -> str:
-    """Return a line of the figures that fit into `width` characters, at least a part of the first one."""
-    text = name.ljust(NAME)
-    for k, figure in enumerate(figures):
-        more = f"{BETWEEN if k else ''}{figure.name} {figure.text}"
-        if k and len(text) + len(more) > width:
-            break
-        text += more
-    return text[: max(0, width)]
+        return [(name, [*own]) for name, own in itertools.groupby(headline(self.tags), lambda figure: figure.group)]

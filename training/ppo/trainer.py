@@ -23,7 +23,6 @@ from outlast.envs.levels import Level
 from outlast.envs.rollout.memory import told
 from outlast.envs.rollout.saved import common_scenario, is_saved
 from outlast.envs.scenarios.fingerprint import fingerprint
-from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.snapshots.state import State, read
 
 from ..arena.opponent_pool import OpponentPool, plain
@@ -85,7 +84,11 @@ class Trainer:
         seeing = [*players.values()] + [self.teacher] * (self.teacher is not None)
         scenario = common_scenario(self.preset.scenario(config.scenario), seeing)
         with self.crew.first_ahead():
-            self.env = self._env(scenario, self.crew.share(self.worlds))
+            own, at_once = self.crew.share(self.worlds), min(WORLD_THREADS, threads)
+            settings: dict[str, Any] = {"autoreset_mode": "Disabled", "copy": False, "check_actions": False}
+            settings |= {"seed": config.seed, "threads": at_once, "first_world": own.start}
+            self.env = outlast.make_vec(scenario, len(own), **settings)
+            self.env.reset(seed=config.seed)
         check_statistics(self.env, "length")
         if not len(self.env.action_sizes):
             raise TrainingError("agents have no actions here: add a mechanic with some, such as Motors")
@@ -286,20 +289,6 @@ class Trainer:
 
     def _everyones(self, get: Callable[[Lane], list[Any]]) -> list[Any]:
         return [each for part in self.crew.gather_values(get(self.lane)) for each in part]
-
-    def _env(self, scenario: Scenario, worlds: range) -> SurvivalVectorEnv:
-        env = outlast.make_vec(
-            scenario,
-            len(worlds),
-            seed=self.config.seed,
-            threads=min(WORLD_THREADS, self.threads),
-            autoreset_mode="Disabled",
-            copy=False,
-            check_actions=False,
-            first_world=worlds.start,
-        )
-        env.reset(seed=self.config.seed)
-        return env
 
     def _policy(self, kind: Any, chosen: Preset) -> Networks:
         kind = kind or ActorCritic
