@@ -26,6 +26,21 @@ from .policy_file import Header
 from .presets import DEAD, KINDS, PRESETS, Hyperparameters, parse_hyperparameters, preset
 
 NEEDED = "NUMBER=FROM:TO or NUMBER=FROM:TO@STEPS is needed, as in rewards_kill=10:0@5e6"
+HOW = ("processes",)  # settings that change the computation, not the results
+LEARNED, OPPOSED, ROLLOUT, OUTPUT, MACHINE = "what is learned", "opponents", "a rollout", "output", "machine"
+PLAYED = "what is played"
+FAST = "fast"  # the preset by default
+SELF, PAST = "self", "past"  # opponents that exist only in training
+OPPONENTS = (SELF, PAST, *NAMED)
+CHUNK = 16  # steps over which gradients flow back through a memory
+Choose = Callable[[Any], Sequence[Level]]  # called with a curriculum.TrainingProgress
+CODE = {  # settings that take the user's own code; run.json stores its names
+    "levels": "must be a function that takes the progress and returns a list of levels",
+    "loss": "must be a function that takes a batch and returns a tensor, or a tensor and a dict of figures",
+    "networks": "must be a subclass of outlast.training.policies.policy.Networks",
+}
+TEACHERS = tuple(name for name in NAMED if name not in ("random", "noop"))  # teachers for imitation
+IMITATED = 1_500_000  # agent-steps of imitation, by default
 
 
 @dataclass(frozen=True)
@@ -87,23 +102,6 @@ def parse_anneal(texts: Iterable[str]) -> tuple[Anneal, ...]:
             raise TrainingError(f"--anneal {text}: numbers must be finite, and STEPS an integer of at least 1")
         found[name] = Anneal(name, first, last, int(length))
     return tuple(found.values())
-
-
-HOW = ("processes",)  # settings that change the computation, not the results
-LEARNED, OPPOSED, ROLLOUT, OUTPUT, MACHINE = "what is learned", "opponents", "a rollout", "output", "machine"
-PLAYED = "what is played"
-FAST = "fast"  # the preset by default
-SELF, PAST = "self", "past"  # opponents that exist only in training
-OPPONENTS = (SELF, PAST, *NAMED)
-CHUNK = 16  # steps over which gradients flow back through a memory
-Choose = Callable[[Any], Sequence[Level]]  # called with a curriculum.TrainingProgress
-CODE = {  # settings that take the user's own code; run.json stores its names
-    "levels": "must be a function that takes the progress and returns a list of levels",
-    "loss": "must be a function that takes a batch and returns a tensor, or a tensor and a dict of figures",
-    "networks": "must be a subclass of outlast.training.policies.policy.Networks",
-}
-TEACHERS = tuple(name for name in NAMED if name not in ("random", "noop"))  # teachers for imitation
-IMITATED = 1_500_000  # agent-steps of imitation, by default
 
 
 def parse_warm_start(text: str) -> tuple[str, int]:

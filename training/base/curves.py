@@ -1,4 +1,4 @@
-"""Learning curves: read from the log of a run or from the file of several runs; averages and end values. By numpy."""
+"""Learning curves: read from a run's log.csv or from the file of several runs; averages and end values. By numpy."""
 
 import csv
 import io
@@ -23,6 +23,13 @@ LOG = "log.csv"
 HEADING = ("tag", "step", "value")
 LAST = 2**53  # the highest step: a float64 holds every integer up to here
 Points = dict[str, list[tuple[int, float]]]
+FILE = "curves.csv.xz"  # the curves of several runs, in a folder of results that are kept
+BEYOND = 1e30  # values are below this, so that they can be squared and added up
+END = 0.1  # share of the points that counts as the end of a run
+SMOOTH = 20  # a moving average spans 1 / SMOOTH of the points
+STUDENT = (12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262)  # 97.5 % of t, 1 to 9 degrees of freedom
+Array = np.ndarray[Any, Any]
+NEEDED = ("rollout/steps", "rollout/reward0")  # every run in which an episode has ended has them
 
 
 def read_log(path: Path) -> Points:
@@ -81,14 +88,6 @@ def truncate_log(path: Path, steps: int) -> None:
         place.write_text("".join([",".join(HEADING) + "\n", *kept]), encoding="utf-8")
 
 
-FILE = "curves.csv.xz"  # the curves of several runs, in a folder of results that are kept
-BEYOND = 1e30  # values are below this, so that they can be squared and added up
-END = 0.1  # share of the points that counts as the end of a run
-SMOOTH = 20  # a moving average spans 1 / SMOOTH of the points
-STUDENT = (12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262)  # 97.5 % of t, 1 to 9 degrees of freedom
-Array = np.ndarray[Any, Any]
-
-
 @dataclass(frozen=True)
 class Quantity:
     """A logged quantity. tag: Tag in TensorBoard. sided: Whether each agent or team has a tag: tag0, tag1 and so on."""
@@ -112,7 +111,6 @@ RETURN, LENGTH = Quantity("return", "rollout/reward", sided=True), Quantity("epi
 HEALS, KILLS = Quantity("heals used", "rollout/heals_used"), Quantity("kills", "rollout/kills", sided=True)
 BOXES = Quantity("boxes placed", "rollout/boxes_placed")
 QUANTITIES = (RETURN, LENGTH, HEALS, KILLS, BOXES)  # of the paper; every logged value is finite
-NEEDED = ("rollout/steps", "rollout/reward0")  # every run in which an episode has ended has them
 
 
 def is_known(tag: str) -> bool:

@@ -1,8 +1,9 @@
-"""Policies as safetensors: weights in float16, and run.json without indentation. Needs numpy, but not PyTorch.
+"""Saved policies: run.json, which describes the training and is checked here, and weights. Needs no PyTorch.
 
-The metadata of a file has a single entry, since the order of several is random: equal content gives equal bytes. A
-file holds the policies of one checkpoint, with tensors called "0.actor.first.weight": number of the policy, name of
-the weight. Checkpoints hold such a file, too, in float32 and without run.json.
+run.json is in the folder of a run, in its checkpoints, and in files of weights: safetensors in float16, with run.json
+as the only entry of the metadata, since the order of several is random: equal content gives equal bytes. Tensors are
+called "0.actor.first.weight": number of the policy, name of the weight. Checkpoints hold such a file, too, in float32
+and without run.json.
 """
 
 import json
@@ -33,6 +34,13 @@ LONGEST, LARGEST_CHECKPOINT = 2**20, 2**30  # maximum bytes of the file, and of 
 ASKED = "asked"  # agent-steps that were last requested; the plan omits them if the run may be extended
 TEXTS = ("opponents", "warm_start", "anneal")  # texts of a plan, which may name many files
 Header = dict[str, Any]
+SUFFIX = ".safetensors"
+LARGEST = 2**26  # maximum bytes of a file
+ENTRY = "outlast"  # the only key of the metadata
+DTYPES = "float16", "float32", "float64", "int64", "int32", "uint8"  # of tensors
+CRITIC = ("critic.", "overview.", "extractors.1.")  # prefixes of weights that only the value function needs
+Array = np.ndarray[Any, Any]
+Weights = Mapping[str, Array]
 
 
 def read_checkpoint(path: Path, entries: Collection[str], needed: Collection[str]) -> tuple[Header, dict[str, bytes]]:
@@ -147,15 +155,6 @@ VALIDATORS: dict[str, Callable[[Any], bool]] = {
     "state_scale": lambda given: isinstance(given, list) and len(given) <= MOST and all(map(_is_scale, given)),
     "plan": is_plan,
 }
-
-
-SUFFIX = ".safetensors"
-LARGEST = 2**26  # maximum bytes of a file
-ENTRY = "outlast"  # the only key of the metadata
-DTYPES = "float16", "float32", "float64", "int64", "int32", "uint8"  # of tensors
-CRITIC = ("critic.", "overview.", "extractors.1.")  # prefixes of weights that only the value function needs
-Array = np.ndarray[Any, Any]
-Weights = Mapping[str, Array]
 
 
 def content(header: Header, policies: Sequence[Weights], exact: str | None = None) -> bytes:

@@ -19,6 +19,8 @@ from outlast.envs.scenarios.scenario import Scenario
 from .errors import TrainingError
 
 TOGETHER = ("gamma", "gae_lambda", "scale_rewards")  # these act on rollouts, so all policies of a run share them
+WORLDS, ROLLOUT = 64, 16384  # worlds of a rollout, and its environment steps, which one world plays in the paper
+DEAD = ("keep", "drop")  # an agent's samples go on until its episode ends, or they end with its death
 
 
 @dataclass(frozen=True)
@@ -103,8 +105,6 @@ def parse_hyperparameters(texts: Iterable[str]) -> dict[str, Any]:
     return settings
 
 
-WORLDS, ROLLOUT = 64, 16384  # worlds of a rollout, and its environment steps, which one world plays in the paper
-DEAD = ("keep", "drop")  # an agent's samples go on until its episode ends, or they end with its death
 PAPER_NUMBERS = Hyperparameters()
 FAST = Hyperparameters(
     learning_rate=2e-3,

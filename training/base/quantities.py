@@ -1,4 +1,4 @@
-"""Columns of evaluations and training logs, with unit and meaning; and the main figures of a running training."""
+"""Columns of evaluations and logs with their meanings, tables of numbers, and the main figures of a training."""
 
 import csv
 import io
@@ -53,6 +53,14 @@ COLUMNS = {
     "attack_near": ("share", "of those ticks in which the agent attacks"),
     "attack_far": ("share", "of the other ticks in which the agent attacks, without an enemy to strike"),
 }
+GROUPS = ("speed", "episodes", "wins", "learning")  # in the order of display
+WINS, GAMES, RATING = "wins/", "games/", "rating/"  # by opponent: share of recent games won; games in all; Elo
+OWN = "rating/self"
+APART = 4  # returns of at most this many sides are shown one by one if they differ
+ENDS = "ends.csv"  # the file of end values, beside a figure
+NONE = "–"  # for values that cannot be measured, such as the distance to mates in a game without them
+NAME = max(map(len, GROUPS)) + 2  # width of the name of a line, in characters
+BETWEEN = " · "  # separator of figures
 
 
 def combinable(tags: Sequence[str]) -> Sequence[str]:
@@ -105,10 +113,6 @@ _FIGURES: tuple[tuple[str, str, str, Callable[[Iterable[float]], float], Callabl
     ("learning", "entropy", r"train/entropy", _mean, "{:,.2f}".format),
     ("learning", "learning rate", r"train/learning_rate", _mean, "{:.1e}".format),
 )
-GROUPS = ("speed", "episodes", "wins", "learning")  # in the order of display
-WINS, GAMES, RATING = "wins/", "games/", "rating/"  # by opponent: share of recent games won; games in all; Elo
-OWN = "rating/self"
-APART = 4  # returns of at most this many sides are shown one by one if they differ
 
 
 def headline(tags: Mapping[str, float]) -> list[Figure]:
@@ -135,10 +139,6 @@ def headline(tags: Mapping[str, float]) -> list[Figure]:
     if OWN in finite:
         found.append(Figure("wins", "own Elo", finite[OWN], f"{finite[OWN]:.0f}"))
     return sorted(found, key=lambda figure: GROUPS.index(figure.group))
-
-
-ENDS = "ends.csv"  # the file of end values, beside a figure
-NONE = "–"  # for values that cannot be measured, such as the distance to mates in a game without them
 
 
 def number(value: float) -> str:
@@ -204,10 +204,6 @@ def csv_text(heads: Iterable[Any], rows: Iterable[Iterable[Any]]) -> str:
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows([heads, *rows])
     return text.getvalue()
-
-
-NAME = max(map(len, GROUPS)) + 2  # width of the name of a line, in characters
-BETWEEN = " · "  # separator of figures
 
 
 class LiveView(Progress):

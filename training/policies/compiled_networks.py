@@ -3,6 +3,9 @@
 ActorCritic is the reference in PyTorch. It also runs on a GPU, with a memory, with a critic of the state and with other
 presets. It processes a complete batch with each of about a hundred operations. Here, a block of agents goes through all
 layers while its numbers are in the cache, and other threads of Python run at the same time.
+
+For other presets, attention alone is compiled: an agent sees one or two rows, but PyTorch needs lists of all pairs of
+rows, and spends most of its time on lists and calls.
 """
 
 import math
@@ -35,7 +38,24 @@ from .rows import Rows
 from .torch_settings import FLOAT, INDEX
 
 Array = np.ndarray[Any, Any]
-read_count = loader("int64")
+BLOCK = 64  # agents that go through all layers together
+LOWEST: Any = np.float32(-np.inf)
+VECTOR = 16  # numbers of a vector; results of products are padded to full vectors
+TOWER = "first", "second", "last"
+LAYERS, SEEING = 10, 3  # in order; the first ones come before attention
+# Memory that layers read and write: observations, intermediate records of each agent and entity, and results.
+OWN, ENTITIES, AGENTS, ROWS, LOGITS, VALUES = range(6)
+# The fields of a layer, int64: places are a base, an offset and the distance from one record to the next, in bytes.
+X, X_OFFSET, X_STRIDE, Y, Y_OFFSET, Y_STRIDE, INPUTS, OUTPUTS, RELU, ADDS, BY_OUTPUT, BY_INPUT, PACKED, FIELDS = range(
+    14
+)
+# Arguments of a call, int64, most of them addresses: the bases, those of slopes, weights and biases of the layers, ...
+SLOPES, WEIGHTS, BIASES = 6, 12, 12 + LAYERS
+ZEROS, ONE = SLOPES + OWN, SLOPES + ENTITIES  # instead of unused slopes: zeros, and a number 1
+EXPONENTIALS = SLOPES + LOGITS  # instead of slopes: memory for those of an agent
+LAYER, COUNT, AGENT_COUNT, WIDTH, WEIGHT_MEMORY, LIKELY, FOUND, GRADIENTS = range(BIASES + LAYERS, BIASES + LAYERS + 8)
+word, read, read_flag = loader("int64"), loader("float32"), loader("uint8")
+write, write_word = storer("float32"), storer("int64")
 
 
 @kernel
@@ -55,7 +75,7 @@ def attend(
     width, scale = 4 * width, np.float32(1 / math.sqrt(HEAD))
     zero, one = repeated(np.float32(0)), repeated(np.float32(1))
     for i in range(agents):
-        seen = read_count(count + 8 * i)
+        seen = word(count + 8 * i)
         each = repeated(np.float32(1) / np.float32(seen))
         for h in range(0, width, BYTES):
             mean = zero
@@ -104,7 +124,7 @@ def differentiate(
     """
     width, scale, zero = 4 * width, np.float32(1 / math.sqrt(HEAD)), repeated(np.float32(0))
     for i in range(agents):
-        seen = read_count(count + 8 * i)
+        seen = word(count + 8 * i)
         each = np.float32(1) / np.float32(seen)
         for h in range(0, width, BYTES):
             slope = load(slopes + h)
@@ -157,26 +177,6 @@ class Means(torch.autograd.Function):
         more = shares.data_ptr(), stride, slopes.data_ptr(), stride, found.data_ptr()
         called(differentiate)[0](*given, likely.data_ptr(), *more)
         return found, None
-
-
-BLOCK = 64  # agents that go through all layers together
-LOWEST: Any = np.float32(-np.inf)
-VECTOR = 16  # numbers of a vector; results of products are padded to full vectors
-TOWER = "first", "second", "last"
-LAYERS, SEEING = 10, 3  # in order; the first ones come before attention
-# Memory that layers read and write: observations, intermediate records of each agent and entity, and results.
-OWN, ENTITIES, AGENTS, ROWS, LOGITS, VALUES = range(6)
-# The fields of a layer, int64: places are a base, an offset and the distance from one record to the next, in bytes.
-X, X_OFFSET, X_STRIDE, Y, Y_OFFSET, Y_STRIDE, INPUTS, OUTPUTS, RELU, ADDS, BY_OUTPUT, BY_INPUT, PACKED, FIELDS = range(
-    14
-)
-# Arguments of a call, int64, most of them addresses: the bases, those of slopes, weights and biases of the layers, ...
-SLOPES, WEIGHTS, BIASES = 6, 12, 12 + LAYERS
-ZEROS, ONE = SLOPES + OWN, SLOPES + ENTITIES  # instead of unused slopes: zeros, and a number 1
-EXPONENTIALS = SLOPES + LOGITS  # instead of slopes: memory for those of an agent
-LAYER, COUNT, AGENT_COUNT, WIDTH, WEIGHT_MEMORY, LIKELY, FOUND, GRADIENTS = range(BIASES + LAYERS, BIASES + LAYERS + 8)
-word, read, read_flag = loader("int64"), loader("float32"), loader("uint8")
-write, write_word = storer("float32"), storer("int64")
 
 
 @kernel

@@ -1,4 +1,4 @@
-"""Trained policies as functions (observations) -> actions, which every adapter accepts as opponents."""
+"""Trained policies as functions (observations) -> actions, which every adapter accepts, and their explanations."""
 
 import contextlib
 import copy
@@ -36,6 +36,7 @@ from .torch_settings import FLOAT, INDEX, playing
 Array = np.ndarray[Any, Any]
 Answer = tuple[list[Array], Tensor | None]  # result of a policy: arrays (batch, ...), and its memory afterwards
 Question = Callable[[Networks, Observed, Tensor | None, Tensor | None], Answer]  # then memory, and where episodes begin
+STREAM = 2  # separates them from other random numbers of the same seed
 
 
 class Player:
@@ -415,9 +416,6 @@ def _shares(extractor: Extractor, rows: Tensor, visible: Tensor, raised: Tensor)
     _, weights = extractor.attention(rows, rows, rows, attn_mask=mask)
     shares = (weights * visible[:, :, None]).sum(1) / visible.sum(1, keepdim=True).clamp(min=1)
     return cast(Tensor, shares)
-
-
-STREAM = 2  # separates them from other random numbers of the same seed
 
 
 class ActionNoise:

@@ -22,6 +22,8 @@ from .torch_settings import FLOAT, INDEX, playing
 
 NEVER = -1e9  # a logit of probability 0; minus infinity gives NaN if all logits have it
 ACTOR_GAIN = 0.01  # of the initial weights of the action heads, as in Stable-Baselines3
+ACTIVATIONS = {"tanh": torch.tanh_, "relu": torch.relu_}  # in place
+GAIN = math.sqrt(2)  # of orthogonal initial weights, as in Stable-Baselines3
 
 
 class MultiCategorical(nn.Module):
@@ -288,12 +290,12 @@ def check_outputs(networks: Networks, seen: Observed) -> None:
             )
 
 
-ACTIVATIONS = {"tanh": torch.tanh_, "relu": torch.relu_}  # in place
-GAIN = math.sqrt(2)  # of orthogonal initial weights, as in Stable-Baselines3
-
-
 class Extractor(nn.Module):
-    """A network from observations to features (batch, 2 * width): half from their own numbers, half from entities."""
+    """A network from observations to features (batch, 2 * width): half from their own numbers, half from entities.
+
+    Entities are embedded, attend to each other and are averaged, as by torch.nn.MultiheadAttention. Only the average is
+    needed, so linear maps of the rows are applied after it, and only visible rows are computed.
+    """
 
     own_scale: Tensor
     scale: Tensor

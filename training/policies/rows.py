@@ -25,6 +25,17 @@ from ..base.presets import Form, Preset
 
 Array = np.ndarray[Any, Any]
 FILL = 512  # lists are padded to multiples of this where shapes should repeat
+ANGLE = "angle"
+VECTORS = {  # the fields of a vector: the first field of the agent's own vector that is subtracted from it
+    ("x", "y"): "x",
+    ("next_x", "next_y"): "x",
+    ("vx", "vy"): "vx",
+}
+ME = ("x", "y", "vx", "vy", ANGLE)
+MOVED = {"x": 2, "vx": 0, ANGLE: 0}  # of itself, an agent observes the position of the room's middle, and its velocity
+TURN = 5  # numbers of a turn: columns of x and y (-1: an angle), those of the origin, and how often it is subtracted
+KIND = 6  # numbers of a kind: addresses of its list, of starts and of turns; columns, the first one here, turns
+word, read, write, write_word = loader("int64"), loader("float32"), storer("float32"), storer("int64")
 
 
 def moved(tensor: Tensor, device: torch.device) -> Tensor:
@@ -200,19 +211,6 @@ def _filled(size: int) -> int:
     return (size // step + 1) * step
 
 
-ANGLE = "angle"
-VECTORS = {  # the fields of a vector: the first field of the agent's own vector that is subtracted from it
-    ("x", "y"): "x",
-    ("next_x", "next_y"): "x",
-    ("vx", "vy"): "vx",
-}
-ME = ("x", "y", "vx", "vy", ANGLE)
-MOVED = {"x": 2, "vx": 0, ANGLE: 0}  # of itself, an agent observes the position of the room's middle, and its velocity
-TURN = 5  # numbers of a turn: columns of x and y (-1: an angle), those of the origin, and how often it is subtracted
-KIND = 6  # numbers of a kind: addresses of its list, of starts and of turns; columns, the first one here, turns
-word, read, write, write_word = loader("int64"), loader("float32"), storer("float32"), storer("int64")
-
-
 def turns(layout: ObservationLayout) -> list[Array]:
     """Return the turns that bring rows into the frame of the observing agent: it is at the origin and looks along x.
 
@@ -306,9 +304,9 @@ class Packer:
     def __init__(self, layout: ObservationLayout, form: Form) -> None:
         """Make a packer for the networks of presets of that form.
 
-        If it is leaky, the rows of hidden entities are packed, too; if egocentric, what is seen is brought into the
-        frame of the agent, see `turns`. Raises TrainingError: it is egocentric, and the layout lacks the fields for
-        that.
+        If it is leaky, the rows of hidden entities are packed, too. If egocentric, what is seen is brought into the
+        frame of the agent, in which it acts (ahead, to the left, turn): otherwise, a network would have to learn to
+        subtract and to rotate. Raises TrainingError if the layout lacks the fields for that, see `turns`.
         """
         self.layout, (self.leaky, egocentric) = layout, form
         none: list[Array] = [np.zeros((0, 0), np.int64)] * (1 + len(layout.kinds))

@@ -1,4 +1,4 @@
-"""A learner: a policy, its optimiser, and updates from rollouts."""
+"""A learner: a policy, its optimiser, and updates from rollouts; on a GPU, without launching kernels one by one."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from copy import deepcopy

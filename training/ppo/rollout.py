@@ -1,4 +1,4 @@
-"""A rollout: observations, actions and rewards of the agents of all worlds in a number of steps."""
+"""A rollout: observations, actions and rewards of all agents in a number of steps; and its collection in worlds."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -35,6 +35,7 @@ from .curriculum import Curriculum, Ended, just_ended
 Array = np.ndarray[Any, Any]
 NOBODY = -1  # the learner of a sample that is not used for training
 DEAREST = 1e30  # the largest reward or sum of rewards: float32 can hold it, and float64 its square
+BATCH = 4096  # samples of a rollout that are valued at once
 
 
 @dataclass(frozen=True)
@@ -127,9 +128,6 @@ class RewardScale:
             if not ((value >= low) & (value <= high)).all():
                 return f"{name}{where} is beyond {low:g} to {high:g}"
         return ""
-
-
-BATCH = 4096  # samples of a rollout that are valued at once
 
 
 def advantages(rewards: Array, values: Array, ends: Array, last: Array, gamma: float, gae_lambda: float) -> Array:

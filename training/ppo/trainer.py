@@ -1,4 +1,4 @@
-"""Training: learners, the worlds that they play in, and their opponents."""
+"""Training: learners, the worlds that they play in, and their opponents; and its state, with which a run continues."""
 
 import io
 import json

@@ -1,4 +1,4 @@
-"""A short film of a checkpoint's policy, made during a run."""
+"""Episodes that a checkpoint's policy plays against itself, for pages, and short films of them, made during a run."""
 
 import contextlib
 import logging
@@ -17,6 +17,10 @@ from outlast.envs.scenarios.scenario import Scenario
 
 from ..base import policy_file
 from ..base.errors import TrainingError
+
+MOST, EVERY = 900, 3  # maximum ticks shown, half a minute of the paper's variants; ticks from frame to frame
+SIZE, FPS = 256, 20  # pixels; frames a second: with EVERY, twice real time
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -70,11 +74,6 @@ def recorded_scenario(header: policy_file.Header) -> tuple[Scenario, str]:
     except ValueError as error:
         raise TrainingError(f"the scenario {given['name']!r} cannot be rebuilt from a checkpoint: {error}") from error
     return made, difference(given, fingerprint(made)).partition("): ")[2]  # without the name
-
-
-MOST, EVERY = 900, 3  # maximum ticks shown, half a minute of the paper's variants; ticks from frame to frame
-SIZE, FPS = 256, 20  # pixels; frames a second: with EVERY, twice real time
-logger = logging.getLogger(__name__)
 
 
 def film_checkpoint(checkpoint: Path, folder: Path, scenario: Scenario | None = None, *, seed: int = 0) -> list[Path]:

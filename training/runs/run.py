@@ -39,6 +39,9 @@ from .film import film_checkpoint
 
 FORMAT = "brain.Event:2"  # content of the first event of a file
 _numbers = itertools.count()  # one for each event file of this process, which may create several in one second
+WRITTEN = (policy_file.RUN_JSON, curves.LOG, "steps_*")  # names of the files that only a run itself writes
+FILES = re.compile(rf"[^,]+({'|'.join(map(re.escape, ENDINGS))})(?=:)")  # a saved policy among the opponents of a plan
+logger = logging.getLogger(__name__)
 
 
 class RunLog:
@@ -80,9 +83,6 @@ class RunLog:
         self.records.write(Event(wall_time=time.time(), **event).SerializeToString())
 
 
-WRITTEN = (policy_file.RUN_JSON, curves.LOG, "steps_*")  # names of the files that only a run itself writes
-FILES = re.compile(rf"[^,]+({'|'.join(map(re.escape, ENDINGS))})(?=:)")  # a saved policy among the opponents of a plan
-logger = logging.getLogger(__name__)
 Progress = Callable[["TrainingRun"], None]
 
 
