@@ -188,23 +188,20 @@ def read(path: Path) -> tuple[Header, list[dict[str, Array]]]:
     if path.suffix != SUFFIX:
         header, files = read_checkpoint(path, (WEIGHTS,), NEEDED)
         return header, parse_weights(files[WEIGHTS], f"{path} is not a checkpoint: {WEIGHTS} in it")
-    text, tensors = _opened(path)
+    text, tensors = _parsed(read_bytes(path, LARGEST), path)
     header = parse_header(path, text.encode(), NEEDED)
     return header, _by_policy({name: values.astype(np.float32) for name, values in tensors.items()}, path)
 
 
 def parse_weights(data: bytes, name: object = WEIGHTS) -> list[dict[str, Array]]:
     """Return the weights of each policy in a checkpoint by name, unchecked. Raises TrainingError with the name."""
-    try:
-        return _by_policy(parse_tensors(data)[1], name)
-    except ValueError as error:
-        raise TrainingError(f"{name} is not a policy: {error}") from error
+    return _by_policy(_parsed(data, name)[1], name)
 
 
 def read_header(path: Path, needed: Collection[str]) -> Header:
     """Return run.json of a saved policy, which must have these keys. Raises TrainingError."""
     if path.suffix == SUFFIX:
-        return parse_header(path, _opened(path)[0].encode(), needed)
+        return parse_header(path, _parsed(read_bytes(path, LARGEST), path)[0].encode(), needed)
     return read_checkpoint(path, (), needed)[0]
 
 
@@ -224,13 +221,11 @@ def _by_policy(tensors: Mapping[str, Array], name: object) -> list[dict[str, Arr
     return [policies[number] for number in numbers]
 
 
-def _opened(path: Path) -> tuple[str, dict[str, Array]]:
-    """Return run.json, unparsed, and all tensors."""
-    content = read_bytes(path, LARGEST)
+def _parsed(data: bytes, name: object) -> tuple[str, dict[str, Array]]:
     try:
-        return parse_tensors(content)
+        return parse_tensors(data)
     except ValueError as error:
-        raise TrainingError(f"{path} is not a policy: {error}") from error
+        raise TrainingError(f"{name} is not a policy: {error}") from error
 
 
 def tensors_content(tensors: Mapping[str, Array], text: str = "") -> bytes:
