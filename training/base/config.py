@@ -105,10 +105,7 @@ def parse_anneal(texts: Iterable[str]) -> tuple[Anneal, ...]:
 
 
 def parse_warm_start(text: str) -> tuple[str, int]:
-    """Return the teacher (a name or a path) and the agent-steps of imitation; 0: its weights are taken, with a critic.
-
-    "": random weights. Raises TrainingError if the text does not follow the description of `warm_start`.
-    """
+    """Return the teacher, a name or a path, and the agent-steps of imitation; 0: its weights are taken."""
     no_length = ":" not in text or is_saved(text) or Path(text).is_dir()  # such as C:/runs
     name, _, length = (text, "", "") if no_length else text.rpartition(":")
     if text and name not in TEACHERS and not is_saved(policy_file(name, TEACHERS)):

@@ -33,10 +33,7 @@ NEEDED = ("rollout/steps", "rollout/reward0")  # every run in which an episode h
 
 
 def read_log(path: Path) -> Points:
-    """Read the points (agent-steps, value) of each tag of a log. Raises TrainingError if it is not a log.
-
-    An incomplete last row is left out: a run may be writing it.
-    """
+    """Read the points (agent-steps, value) of each tag of a log that may be growing. Raises TrainingError."""
     lines = read_text(path).splitlines(keepends=True)
     _check_heading(path, bool(lines) and lines[0].strip() == ",".join(HEADING))
     points: Points = {}
@@ -153,10 +150,9 @@ def rounded(curves: Curves, digits: int) -> Curves:
 
 
 def curves_of_log(path: Path, known: Callable[[str], bool]) -> Curves:
-    """Return the curves in the log of a run.
+    """Return the curves in the log of a run. Raises EmptyRunError before the first episode has ended, or TrainingError.
 
-    Raises EmptyRunError if no episode of the run has ended yet, TrainingError for other files and for numbers that
-    cannot be drawn. known: Returns whether a tag must have finite values only; other tags may have NaN.
+    known: Returns whether a tag must have finite values only; other tags may have NaN.
     """
     begun = path.exists() and path.stat().st_size > 0  # otherwise the run has not written its first row yet
     points = read_log(path) if begun else {}
@@ -179,10 +175,9 @@ def _spread(rows: list[tuple[int, float]], steps: Array) -> Array:
 
 
 def format_curves(runs: Mapping[str, Described]) -> bytes:
-    """Return runs, by names that are valid for files, as a compressed CSV file; equal runs give equal bytes.
+    """Return runs by their names as a compressed CSV file: a comment with descriptions, and a row for each point.
 
-    Their descriptions are JSON in a comment, then there is a row for each point. Numbers have the fewest digits that
-    give the same float32.
+    Numbers have the fewest digits that give the same float32. Equal runs give equal bytes.
     """
     tags, rows = sorted({tag for _, curves in runs.values() for tag in curves.values}), list[list[Any]]()
     for name, (_, curves) in runs.items():
@@ -255,10 +250,7 @@ class EndValue:
 
 @dataclass(frozen=True)
 class MovingAverage:
-    """Mean, minimum and maximum of the moving averages of runs at each number of agent-steps, all (points,).
-
-    After the end of a run, the average is over the other runs, or points end: see `average`.
-    """
+    """Mean, minimum and maximum of the moving averages of runs at each number of agent-steps, all (points,)."""
 
     steps: Array
     mean: Array
@@ -273,10 +265,9 @@ class MovingAverage:
 
 
 def average(runs: Sequence[Curves], tag: str, *, common: bool = False) -> MovingAverage:
-    """Average the smoothed curves of the runs that have the tag; at least one must have it.
+    """Average the smoothed curves of the runs that have the tag (at least one), interpolated between their points.
 
-    Runs are interpolated between their points. common: Take only the points that all of these runs have, so that the
-    average does not jump when a run ends; the result may be empty.
+    common: Only at points that all of these runs have, so that the average does not jump; there may be none.
     """
     curves = [one for one in runs if tag in one.values]
     steps = np.unique(np.concatenate([one.steps for one in curves]))

@@ -30,10 +30,7 @@ def check_statistics(env: SurvivalVectorEnv, *names: str) -> None:
 
 
 def means_of_sides(values: Array, sides: Array, count: int) -> tuple[Array, Array]:
-    """Return the means over the agents of each side, (worlds, sides), 0 for empty sides; and whether it has agents.
-
-    values: (worlds, agents). sides: The sides of the agents, int (worlds, agents); -1 for absent agents.
-    """
+    """Return the means of values (worlds, agents) over sides, 0 for empty ones, and whether a side has agents."""
     on = sides[:, :, None] == np.arange(count)
     agents = on.sum(1)
     return (values[:, :, None] * on).sum(1) / np.maximum(agents, 1), agents > 0
@@ -54,10 +51,9 @@ class EpisodeMetrics:
         self.counts: dict[str, Array] = {}
 
     def add(self, statistics: dict[str, Array], learns: Array) -> None:
-        """Add episodes that ended. Must be called before resets.
+        """Add episodes that ended, before resets. statistics: info["statistics"], with zeros for other worlds.
 
-        statistics: info["statistics"], with rows of zeros for other worlds. learns: Whether a learner plays an agent,
-        bool (worlds, agents): only learners' returns count.
+        learns: Whether a learner plays an agent, bool (worlds, agents): only learners' returns count.
         """
         worlds, ended = self.base_env.worlds, np.flatnonzero(statistics["length"])
         self.count += len(ended)

@@ -96,10 +96,7 @@ def field_table(fields: Fields) -> FieldTable:
 
 
 def scales(layout: ObservationLayout, table: FieldTable) -> tuple[Array, Array]:
-    """Return factors that scale every number to about -1 to 1: float32 (own,), and (numbers of all kinds,).
-
-    Numbers of keys without fields stay as they are. Raises TrainingError if the table does not fit the layout.
-    """
+    """Return factors of inputs to about -1 to 1: float32 (own,), (numbers of all kinds,). Raises TrainingError."""
 
     def factors(key: str, width: int) -> Array:
         if key not in table:

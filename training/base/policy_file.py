@@ -158,10 +158,9 @@ VALIDATORS: dict[str, Callable[[Any], bool]] = {
 
 
 def content(header: Header, policies: Sequence[Weights], exact: str | None = None) -> bytes:
-    """Return the content of a file of policies; equal policies give equal bytes.
+    """Return the content of a file of policies with these weights by name; equal policies give equal bytes.
 
-    policies: Weights of each policy by name, float32; they are rounded to float16. exact: Prefix of weights that stay
-    float32; "": all; None: none.
+    exact: Prefix of weights that stay float32; "": all; None: all become float16.
     """
     tensors = {
         name: value.astype(np.float32 if exact is not None and name.partition(".")[2].startswith(exact) else np.float16)
@@ -181,10 +180,7 @@ def write(path: Path, header: Header, policies: Sequence[Weights], exact: str | 
 
 
 def read(path: Path) -> tuple[Header, list[dict[str, Array]]]:
-    """Return run.json and the weights of each policy by name, float32 if the file is one of weights.
-
-    Raises TrainingError.
-    """
+    """Return run.json and the weights of each policy by name, float32 from a file of weights. Raises TrainingError."""
     if path.suffix != SUFFIX:
         header, files = read_checkpoint(path, (WEIGHTS,), NEEDED)
         return header, parse_weights(files[WEIGHTS], f"{path} is not a checkpoint: {WEIGHTS} in it")

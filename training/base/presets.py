@@ -69,8 +69,7 @@ class Hyperparameters:
     ) -> dict[str, "Hyperparameters"]:
         """Return copies with other settings by the name of the policy, "" for those that are not named.
 
-        settings: "ent_coef" for all policies, "seeker:ent_coef" for one of them. own: The numbers of policies that have
-        others than these. Raises TrainingError as `changed`.
+        settings: "ent_coef" for all, "seeker:ent_coef" for one. own: Those of some policies. Raises TrainingError.
         """
         given = dict[str, dict[str, Any]]({name: {} for name in ("", *own)})
         for name, value in settings.items():
@@ -187,10 +186,7 @@ class Preset:
         return found[0] if all(found) else ""
 
     def size(self, agents: int, worlds: int = 0, rollout: int = 0) -> tuple[int, int]:
-        """Return the number of worlds with this many agents, and the environment steps of a rollout of all of them.
-
-        worlds, rollout: Requested values; 0: those of the preset. Raises TrainingError if they do not fit.
-        """
+        """Return the numbers of worlds and of their steps in a rollout; 0: as in the preset. Raises TrainingError."""
         worlds = worlds or (max(1, self.agents // agents) if self.agents else WORLDS)
         rollout = rollout or (worlds * self.steps if self.steps else ROLLOUT)
         if rollout % worlds:

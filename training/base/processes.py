@@ -28,12 +28,10 @@ def spawning() -> Any:
 
 
 def results(jobs: Sequence[Callable[[], T]], at_once: int) -> Iterator[T]:
-    """Run jobs, and yield their results in order.
+    """Run jobs, functions that can be pickled, and yield their results in order; with at_once 1, in this process.
 
     An exception in one of them is raised here and ends all others, as do Ctrl-C and a caller that stops iterating.
     Raises TrainingError if a process was ended from outside, or cannot import the program that starts it.
-
-    jobs: Functions that can be pickled. at_once: Number of processes; 1: the jobs run in this process.
     """
     count = min(at_once, len(jobs))
     if count <= 1:

@@ -64,11 +64,7 @@ BETWEEN = " · "  # separator of figures
 
 
 def combinable(tags: Sequence[str]) -> Sequence[str]:
-    """Return the tags of one statistic in a log that are combined into one number.
-
-    Where episodes differ in their sides, means of sides cannot be added up: only the tag without a number, that of all
-    sides, is returned.
-    """
+    """Return the tags of one statistic that are combined: only that of all sides, if episodes differ in their sides."""
     return [tag for tag in tags if f"{tag}0" in tags] or tags
 
 
@@ -176,10 +172,7 @@ def with_error(mean: float, error: float) -> str:
 
 
 def pivot(rows: Sequence[Sequence[str]], down: int, across: int) -> tuple[list[str], list[list[str]]]:
-    """Return the heads and the lines of a table of means and errors, the last two cells of each row, as text.
-
-    down, across: Which cells begin a line, and which are the heads of the columns, in the same order if they are alike.
-    """
+    """Return heads and lines of a table, by two cells of each row; its last two are a mean and its error."""
     names, heads = (list(dict.fromkeys(row[k] for row in rows)) for k in (down, across))
     heads = names if {*names} == {*heads} else heads
     cells = {(row[down], row[across]): with_error(*(float(cell or "nan") for cell in row[-2:])) for row in rows}

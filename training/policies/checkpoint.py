@@ -95,10 +95,7 @@ def check_like(given: Any, own: Tensor, name: str) -> None:
 
 
 def check_state(given: Any, like: Any, name: str = "") -> None:
-    """Raise TrainingError unless a tree has the names of another, with finite tensors, counts and texts where it has.
-
-    like: None in it stands for any value. name: The place in the tree.
-    """
+    """Raise TrainingError unless a tree is like another (None: any value). name: Its place in messages."""
     where = f"{name} in {REST}" if name else REST
     if isinstance(given, list) and isinstance(like, list):
         given, like = dict(enumerate(given)), dict(enumerate(like))
@@ -114,10 +111,7 @@ def check_state(given: Any, like: Any, name: str = "") -> None:
 
 
 def tree_content(tree: dict[str, Any]) -> bytes:
-    """Return the content of a file with nested dicts and lists of tensors and plain values.
-
-    Tensors are called by their place, "learners/0/minibatches". The text of the file is the tree without them, as JSON.
-    """
+    """Return a file with a tree of dicts and lists: tensors, called "learners/0/minibatches", and JSON."""
     tensors = dict[str, Array]()
     return policy_file.tensors_content(tensors, json.dumps(_without_tensors(tree, "", tensors)))
 

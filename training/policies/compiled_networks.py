@@ -432,10 +432,7 @@ class Plan:
         self.zeros[-1] = 1
 
     def call(self, seen: Rows, parameters: Sequence[Any], packed: Any = None) -> tuple[Array, list[Any]]:
-        """Return the arguments of the kernels for a batch, and the arrays at their addresses.
-
-        parameters: As of `_parameters`. packed: Weights that `pack` has copied; None: memory for them.
-        """
+        """Return the kernels' arguments, and the arrays at their addresses. packed: Weights as of `pack`."""
         known = np.ascontiguousarray(seen.known)
         count, rows, pairs = len(seen), len(seen.entities), int(known @ known)
         sizes = count * self.agent, rows * self.row, count * self.logits, count * VECTOR, pairs * self.width

@@ -127,10 +127,7 @@ class Player:
         return self.preset.scenario(scenario)
 
     def check(self, env: SurvivalVectorEnv, counts: bool = True) -> None:
-        """Check that the policy can play in these worlds. Raises TrainingError.
-
-        counts: Whether there must be as many entities of each kind as in training; its weights work with any number.
-        """
+        """Raise TrainingError unless it can play in these worlds. counts: Whether kinds are as large as in training."""
         with self._named():
             self._check(env._reader.views, counts)  # views do not depend on the form for learners
             checkpoint.check_fields(self.header, env)
@@ -156,11 +153,7 @@ class Player:
             raise TrainingError(f"{self._origin}{error}") from None
 
     def __call__(self, observations: dict[str, Array]) -> Array:
-        """Choose the actions for these observations.
-
-        Raises TrainingError: shapes differ from those in training, or a policy with a memory does not know where
-        episodes begin.
-        """
+        """Choose the actions for these observations. Raises TrainingError if they do not fit, or without `reset`."""
         (logs,) = self._ask(observations, _logs)
         with playing():
             batch_last, uniform = torch.from_numpy(logs).permute(1, 2, 0), None  # the likeliest actions
@@ -300,10 +293,7 @@ def _differences(trained: dict[str, tuple[int, ...]], here: dict[str, tuple[int,
 
 
 def weights_of(path: Path, critic: bool = True) -> tuple[policy_file.Header, list[dict[str, Array]]]:
-    """Return run.json of a saved policy, and the weights of each of its policies by name, float32.
-
-    critic: Whether to include those that only values need, if the file has them. Raises TrainingError for other files.
-    """
+    """Return run.json of a saved policy, and the weights of each of its policies by name. Raises TrainingError."""
     player = Player(path)
     left_out = () if any(player.networks) or (critic and player.critic) else policy_file.CRITIC
     return player.header, [
@@ -388,10 +378,7 @@ class PolicyExplainer:
 
 
 def attended(extractor: Extractor, seen: Observed) -> Tensor:
-    """Return the attention to each row, (batch, rows), computed by torch.nn.MultiheadAttention itself.
-
-    With Rows, it is that of visible rows: their shares come first, in order, and then zeros.
-    """
+    """Return the attention to each row, (batch, rows), by torch.nn.MultiheadAttention; of Rows, visible ones first."""
     weight, bias = extractor.weight * extractor.scale, extractor.bias
     if isinstance(seen, Rows):
         embedded = extractor._active(seen.entities @ torch.cat([weight, bias]))

@@ -29,20 +29,12 @@ LOST = 75  # exit status of a process whose only fault is that it lost another o
 
 
 class Crew:
-    """The processes that train together. A process alone sends nothing.
-
-    rank: The number of this process; the first, 0, is the one that logs and writes files. size: Number of
-    processes.
-    """
+    """The processes that train together; one that is alone sends nothing. rank: 0 for the one that logs and writes."""
 
     def __init__(
         self, rank: int = 0, size: int = 1, host: str = HOST, store: Any = None, others: "Others | None" = None
     ) -> None:
-        """Create a member, which joins the others when it first sends a message.
-
-        host: The address at which the others reach this process. store: Store where the processes find each other.
-        others: The processes that this one has started.
-        """
+        """Create a member, which joins at its first message. host: Its address. others: Those that it started."""
         self.rank, self.size = rank, size
         self._host, self._store, self._others = host, store, others
         self._joined: Any = None  # the group of processes
@@ -200,8 +192,7 @@ class Children(Others):
 def recruit(size: int, work: Callable[..., None], *arguments: Any) -> Crew:
     """Return a crew of processes: this one, and others that it starts.
 
-    size: Number of processes; 1 starts none. work: Run by the others with their crew; a function of a module.
-    arguments: Further arguments of `work`; picklable.
+    work: Run by the others with their crew and `arguments`; picklable, as a function of a module.
     """
     if size == 1:
         return Crew()
@@ -217,10 +208,7 @@ def listening(host: str) -> Any:
 
 
 def join(rank: int, size: int, host: str, first: str, port: int, work: Callable[..., None], *arguments: Any) -> None:
-    """Join the crew and do the work (see `recruit`), in a process started for that.
-
-    host: The address at which this process is reached. first: The address of the first process. port: Of its store.
-    """
+    """Join the crew and do the work, see `recruit`. host, first: Addresses of this and the first process."""
     store = dist.TCPStore(first, port, is_master=False)  # type: ignore[attr-defined]
     store.set(BEGUN.format(rank), "")
     crew = Crew(rank, size, host, store)
@@ -265,10 +253,7 @@ class Tasks(Others):
 
 
 def recruit_on_cluster(address: str, size: int, work: Callable[..., None], *arguments: Any) -> Crew:
-    """Return a crew as `recruit` does, with this process and tasks on a cluster; see envs.rollout.ray.connected.
-
-    Raises ClusterError, and TrainingError without Ray.
-    """
+    """Return a crew of this process and tasks on a Ray cluster. Raises ClusterError or TrainingError."""
     with needed("ray", "a Ray cluster needs {}", TrainingError):
         import ray  # takes seconds to load
 

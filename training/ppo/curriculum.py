@@ -55,10 +55,7 @@ class Curriculum:
     """The levels that episodes are drawn from: those that the function returned last; at first, all is drawn."""
 
     def __init__(self, choose: Choose, env: SurvivalVectorEnv) -> None:
-        """Take a function, called before the first rollout and after each one, and worlds like those of training.
-
-        Raises TrainingError if the scenario has no levels, since it does not draw numbers, walls or roles.
-        """
+        """Take a function, called before each rollout. Raises TrainingError if worlds have no levels."""
         self.choose, self.varied, self.layout = choose, dict(env.scenario.varied), env.worlds.layout
         self.levels: Sequence[Level] = (Level(),)
         try:
@@ -81,10 +78,7 @@ class Curriculum:
         self.levels = tuple(levels)
 
     def deal(self, env: SurvivalVectorEnv, where: Array, keys: Array) -> None:
-        """Give levels to the worlds `where`, bool (worlds,), whose next episode is about to begin.
-
-        keys: uint64 (some worlds, 3), by which levels are drawn; a level without a key gets that of its world.
-        """
+        """Give levels, drawn by keys uint64 (some worlds, 3), to the worlds `where`, before their episode."""
         words = hashed(STREAM, *keys.T)
         drawn = ((words >> np.uint64(11)) * 2.0**-53 * len(self.levels)).astype(int)
         dealt = zip((self.levels[k] for k in drawn), keys.tolist(), strict=True)
@@ -103,10 +97,7 @@ class Curriculum:
 
 
 def joined(ended: Iterable[Ended], env: SurvivalVectorEnv) -> tuple[list[Level], dict[str, Array]]:
-    """Return levels and statistics of episodes in the order in which they ended, for any division among processes.
-
-    env: Worlds like theirs, which define the statistics, even if no episode has ended.
-    """
+    """Return levels and statistics of episodes in the order of their ends; env defines the statistics."""
     ordered = sorted(ended, key=lambda each: each[:2])
     none = statistics(env.worlds, np.zeros(env.num_worlds, bool))
     rows = {name: [own[name] for *_, own in ordered] for name in none}

@@ -59,10 +59,7 @@ class GraphedGradients:
         self.memory = torch.cuda.graph_pool_handle()  # shared by all graphs, as they run one after the other
 
     def __call__(self, compute: Compute, batch: Minibatch) -> Gradients:
-        """Compute the figures and gradients of a minibatch, of which the next call overwrites the gradients.
-
-        compute: Computes both. It must always be the same function, and must not wait for the GPU.
-        """
+        """Compute both by `compute`, which must not wait for the GPU. The next call overwrites gradients."""
         tensors = _batch_tensors(batch)
         shapes = cast(Rows, batch.seen).room, *(each.shape for each in tensors)
         met = shapes in self.graphs

@@ -65,10 +65,7 @@ class Rollout:
         return self.advantages + self.values
 
     def here(self, samples: Tensor) -> tuple[Tensor | None, Tensor]:
-        """Return which of some samples of all processes are of this one, None for all; and their indices among its own.
-
-        samples: Indices, int64 (some,).
-        """
+        """Return which samples of all processes are of this one (None: all), and their indices here."""
         agents, own = self.learner.shape[1], self.actions.shape[1]
         if own == agents:
             return None, samples
@@ -93,10 +90,7 @@ class RewardScale:
         self.count, self.mean, self.variance = 0.0, 0.0, 1.0
 
     def update(self, rewards: Array, ends: Array) -> float:
-        """Add the rewards of a rollout, float32 (steps, agents), and return the standard deviation; 1 below LEAST.
-
-        ends: bool (steps, agents), whether the sum is reset after the step.
-        """
+        """Add rewards, (steps, agents), and return the deviation. ends: Whether a sum is reset after the step."""
         sums = np.empty(rewards.shape)
         for t, reward in enumerate(rewards):
             self.sums = sums[t] = self.sums * self.gamma + reward
@@ -219,10 +213,7 @@ class Lane:
 
     @torch.inference_mode()
     def collect(self, policies: Sequence[Networks], steps: int, begun: int) -> Rollout:
-        """Continue to play for a number of steps of each world, and return the samples.
-
-        policies: Those of the learners. begun: Number of steps played in each world before.
-        """
+        """Play some steps in each world and return the samples. begun: Number of steps played before."""
         self._open(steps, policies)
         for t in range(steps):
             self.take(t, self.env.step(self.act(t, begun + t, policies)), policies)
@@ -252,10 +243,7 @@ class Lane:
 
     @playing()
     def act(self, t: int, step: int, policies: Sequence[Networks]) -> Array:
-        """Choose the actions of a step, int64 (worlds, agents, actions), and store their inputs.
-
-        t: The number of the step in the rollout. step: Its number in the run.
-        """
+        """Choose the actions, int64 (worlds, agents, actions), of step t of the rollout, and store inputs."""
         env, samples = self.env, self.samples
         seen, uniform = self.observe(), self.noise(step)
         numbers = torch.from_numpy(uniform)
@@ -412,10 +400,7 @@ class Lane:
         return {key: values.reshape(self.agents, *values.shape[2:])[some] for key, values in views.items()}
 
     def _record(self, t: int, done: Array) -> None:
-        """Record the winners, for worlds that are done and have an opponent and more than one side.
-
-        The pool gets them after the rollout: until then, draws must not depend on the worlds of this process.
-        """
+        """Record winners, for the pool after the rollout: draws must not depend on this process's worlds."""
         sides = self._sides.max(1) + 1
         worlds = np.flatnonzero(done & (self.opponent > 0) & (sides > 1))
         won = shares_beaten(self.standings.of(worlds), self.own[worlds], sides[worlds])

@@ -305,10 +305,7 @@ class Trainer:
 
 
 def teams(env: SurvivalVectorEnv, policies: str) -> tuple[Array, Sequence[str]]:
-    """Return the number of the learner of each agent of a world, int (agents,), and the learners' names.
-
-    policies: As in TrainingConfig; without teams, each agent is a side.
-    """
+    """Return the number of each agent's learner, int (agents,), and the learners' names."""
     if policies == "side" and env.worlds[Sides].teams[0, 0]:
         found = side(env.worlds, 0)
         return found, side_names(env.worlds.layout)[: found.max() + 1]
@@ -334,11 +331,7 @@ def _device(name: Any) -> torch.device:
 
 
 def check_learned(trainer: Trainer, tags: Mapping[str, float], what: str, cure: str) -> None:
-    """Raise TrainingError if weights or a loss are not finite: the run has diverged, maybe due to its observations.
-
-    tags: Measurements of the update. what, cure: For the message: what was done and for how long, and settings for a
-    new start.
-    """
+    """Raise TrainingError if weights or a loss are not finite. what, cure: Parts of the message."""
     weights = (wrong_weight(policy.state_dict()) for policy in trainer.policies)
     wrong = [f"{name} has numbers that are NaN or beyond {HEAVIEST}" for name in weights if name]
     wrong += [f"{tag} is {tags[tag]}" for tag in LOSSES if not math.isfinite(tags.get(tag, 0.0))]
@@ -407,10 +400,7 @@ def _rest(trainer: Trainer, lanes: dict[str, Any]) -> dict[str, Any]:
 
 
 def restore(trainer: Trainer, files: dict[str, bytes]) -> None:
-    """Restore a new trainer of the same config from a checkpoint.
-
-    Raises StateError if it is of another scenario, TrainingError if its content does not fit the trainer or is broken.
-    """
+    """Restore a new trainer of the same config. Raises StateError: of another scenario, or TrainingError."""
     header, rest = checkpoint.header_of(files), checkpoint.load_tree(files, REST)
     weights = checkpoint.policies_in(files)
     checkpoint.check_fields(header, trainer.env)

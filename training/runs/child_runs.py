@@ -29,16 +29,10 @@ logger = logging.getLogger("outlast")
 
 
 class ChildRun:
-    """A run in its own process and process group, so that Ctrl-C reaches it only once, from this process.
-
-    folder: The folder of the run. name: Its name in messages. words: The command that trains it.
-    """
+    """A run in its own process and process group, so that Ctrl-C reaches it only once, from this process."""
 
     def __init__(self, folder: Path, words: Sequence[str], *, resume: bool) -> None:
-        """Prepare the run. words: Of `outlast train`, without --out, --resume and --quiet.
-
-        resume: Whether to continue the run in the folder; without a folder, the run begins.
-        """
+        """Prepare the run. words: Of `outlast train`, without --out, --resume and --quiet."""
         self.folder, self.name = folder, folder.name
         self.words = [sys.executable, "-m", MAIN, "train", *words, "--out", str(folder), "--quiet"]
         self.words += ["--resume"] * (resume and folder.exists())
@@ -81,11 +75,9 @@ def side_by_side(
 ) -> int:
     """Train all runs. A run that fails is reported, and the others continue. On Ctrl-C, all begun ones save and stop.
 
-    SIGUSR1 makes those that have begun save. Returns the exit status: 0 for success, 130 if they were stopped,
-    otherwise the highest status of the runs.
+    Returns the exit status: 0 for success, 130 if they were stopped, otherwise the highest status of the runs.
 
-    at_once: How many run at a time. view: Shows the progress, and is closed at the end. done: Returns the part of the
-    view's total that is done. cure: Logged after Ctrl-C.
+    at_once: How many run at a time. view: Shows the progress. done: Returns how much is done. cure: Logged at Ctrl-C.
     """
     waiting, running, statuses = list(runs), list[ChildRun](), list[int]()
     try:

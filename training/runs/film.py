@@ -63,10 +63,7 @@ def episode(path: Path, *, seed: int, most: int, scenario: Scenario | None = Non
 
 
 def recorded_scenario(header: policy_file.Header) -> tuple[Scenario, str]:
-    """Rebuild the scenario of run.json, without importing anything, and return its difference from that of the run.
-
-    Another version of outlast may have begun the run. Raises TrainingError for the user's own mechanics.
-    """
+    """Rebuild the scenario of run.json, and describe how it differs. Raises TrainingError for users' mechanics."""
     given = header["scenario"]
     try:
         made = rebuilt(given, header["modules"], strict=False)
