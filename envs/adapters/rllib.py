@@ -76,6 +76,7 @@ class SurvivalMultiAgentEnv(OneWorldAdapter, MultiAgentEnv):  # type: ignore[mis
         return observations, rewards, terminated, {"__all__": self._cut}, infos
 
     def render(self) -> Any:
+        """Return the picture, depending on config["render_mode"]."""
         return self._parallel.render()
 
     def action_masks(self) -> dict[str, Array]:
