@@ -24,8 +24,6 @@ from ..core.agents import alive, fewest_agents, side
 from ..core.spaces import published
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import MessageError, PlayError
-from ..inspect.observation_text import observation_text
-from ..inspect.world_json import describe, events, snapshot
 from ..rollout.lineup import Lineup, Others, entries_of
 from ..rollout.outcome import Standings, own_wins
 from ..rollout.summary import RESULTS
@@ -33,7 +31,9 @@ from ..scenarios.scenario import Scenario
 from ..storage import inputs
 from .assets import SHARED, STYLE, assemble
 from .gate import Site, listening
+from .observation_text import observation_text
 from .server import answering
+from .world_json import describe, events, snapshot
 
 Json = dict[str, Any]
 

@@ -29,12 +29,12 @@ from outlast.ecs import Clock, Worlds
 
 from ..core.validation import Array
 from ..errors import PageError
-from ..inspect.world_json import Json, bodies_of, describe, events, snapshot
 from ..progress import Progress
 from ..recording import Recording, Replay
 from ..recording.replay import last_tick, rows_of
 from ..storage.outputs import atomic_write, check_file, written_to
 from .assets import SHARED, assemble
+from .world_json import Json, bodies_of, describe, events, snapshot
 
 PLAYING = (
     *("recording.js", "panel.js", "events.js", "views.js", "timeline.js", "event_list.js", "mind.js"),

@@ -13,10 +13,10 @@ from typing import Any
 from websockets.asyncio.server import ServerConnection, serve
 from websockets.http11 import Request, Response
 
-from ..inspect.world_json import Json
 from .assets import SHARED, STYLE, assemble
 from .gate import HEADERS, LIVE, REFUSED, Gate, Listener, Site, listening
 from .pages import PACKING, PLAYING
+from .world_json import Json
 
 LONGEST = 512  # bytes of a message: more than the longest valid one
 PATIENCE, CLOSE_TIMEOUT = 10, 2  # seconds that a request may take to arrive, and a page to close its websocket

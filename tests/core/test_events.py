@@ -9,7 +9,7 @@ import pytest
 from outlast import make_vec, systems, variant
 from outlast.components import Bag, Box, BoxItem, End, Heal, Health, Phase, Side
 from outlast.ecs import Array, Clock, Entity, Event, Rows, Write, column, emit
-from outlast.envs.inspect.world_json import events as in_words
+from outlast.envs.web.world_json import events as in_words
 from outlast.errors import StateError
 from tests.conftest import scaled
 from tests.helpers.beasts import Beasts

@@ -14,8 +14,8 @@ from outlast.ecs import (  # isort: skip
     Worlds, Write, column, columns_of,
 )  # fmt: skip
 from outlast.ecs.checks.code_hash import code_digest
-from outlast.envs.inspect.observation_text import observation_text
 from outlast.envs.rollout.policies import random_policy, scripted_policy
+from outlast.envs.web.observation_text import observation_text
 from tests.helpers.added_fields import Age, Breath, Freshness, Stamina
 from tests.helpers.mechanics import DUEL, duel, kind, mechanic, taking, written
 

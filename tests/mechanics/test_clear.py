@@ -11,7 +11,7 @@ from outlast import systems
 from outlast.components import Body, Filter, Health, Shape, Sight, Solid
 from outlast.components.sight import is_set
 from outlast.ecs import Archetype, Module, number
-from outlast.envs.inspect.world_json import describe
+from outlast.envs.web.world_json import describe
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import outlast
 from outlast import systems
 from outlast.components import Body, SelfView, Shape, Side, Solid, Spawned
 from outlast.ecs import Archetype, Array, Component, Entity, Module, Read, Rows, Singleton, column, kernel, number, ref
-from outlast.envs.inspect.observation_text import observation_text
+from outlast.envs.web.observation_text import observation_text
 from outlast.systems.observation_rows import more_fields, rows
 from tests.conftest import scaled
 

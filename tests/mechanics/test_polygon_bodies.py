@@ -10,8 +10,8 @@ import outlast
 from outlast import systems
 from outlast.components import Body, Polygon, Push, Shape, Solid, Spawned
 from outlast.ecs import Archetype, Module, number
-from outlast.envs.inspect.world_json import describe
 from outlast.envs.rendering.scene import Scene
+from outlast.envs.web.world_json import describe
 from tests.conftest import scaled
 from tests.mechanics.test_clear import faced
 

@@ -9,9 +9,9 @@ import outlast
 from outlast import systems, variant
 from outlast.components import Body, Zone
 from outlast.ecs import NumberError, Worlds
-from outlast.envs.inspect.world_json import describe
 from outlast.envs.rendering.rgb import draw, text
 from outlast.envs.rendering.style import WALL
+from outlast.envs.web.world_json import describe
 from tests.conftest import digest, scaled
 from tests.helpers.execution_modes import assert_played_alike
 

@@ -17,9 +17,9 @@ from outlast.drawing import (  # isort: skip
 )  # fmt: skip
 from outlast.ecs import Entity
 from outlast.envs.errors import FilmError
-from outlast.envs.inspect.world_json import describe
 from outlast.envs.rendering import style as colors
 from outlast.envs.rendering.rgb import draw
+from outlast.envs.web.world_json import describe
 from outlast.systems import Preparation
 from tests.helpers.scenario_builder import ScenarioBuilder, duel
 

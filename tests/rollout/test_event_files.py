@@ -11,9 +11,9 @@ import pytest
 import outlast
 from outlast.components import Bag, Phase, Side
 from outlast.ecs import Array, Clock, DeclarationError, Event, Module, Read, Rows, Singleton, Write, column, emit
-from outlast.envs.inspect.world_json import events
 from outlast.envs.rollout.policies import random_policy
 from outlast.envs.rollout.table_file import COLUMNS, event_table
+from outlast.envs.web.world_json import events
 from tests.conftest import run
 from tests.helpers.outputs import rows_of
 

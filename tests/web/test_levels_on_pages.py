@@ -12,12 +12,12 @@ from outlast import role
 from outlast.distributions import integers
 from outlast.envs.core.agents import present, side
 from outlast.envs.errors import PlayError
-from outlast.envs.inspect.observation_text import observation_text
-from outlast.envs.inspect.world_json import describe, snapshot
 from outlast.envs.rendering.rgb import draw, text
 from outlast.envs.rendering.words import EndLayer, ScoresStrip
 from outlast.envs.web.game import Game, GamePhase
+from outlast.envs.web.observation_text import observation_text
 from outlast.envs.web.pages import write_page
+from outlast.envs.web.world_json import describe, snapshot
 from outlast.systems import Maze, Teams
 from tests.web.browser import ticks
 from tests.web.clients import served

@@ -16,8 +16,8 @@ from docs.examples.poison import Poison
 from outlast.components import Bag, Body, Health, Reward
 from outlast.ecs import Clock, Entity
 from outlast.envs.errors import PageError
-from outlast.envs.inspect.world_json import describe, snapshot
 from outlast.envs.web.pages import METRE, RADIAN, EpisodeTrack, PageRoom, _entities, pack, record_ticks, write_page
+from outlast.envs.web.world_json import describe, snapshot
 from tests.web.browser import ticks
 
 Json = dict[str, Any]

@@ -5,7 +5,7 @@ from typing import Any
 from outlast import make_vec, variant
 from outlast.components import Body, Item
 from outlast.ecs import Archetype, Array, Component, Module, column
-from outlast.envs.inspect.world_json import describe, events, snapshot
+from outlast.envs.web.world_json import describe, events, snapshot
 from tests.helpers.goal import TICK, won_at_the_limit
 from tests.helpers.scenario_builder import ScenarioBuilder, duel
 

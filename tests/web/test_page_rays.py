@@ -9,11 +9,11 @@ import pytest
 import outlast
 from outlast.components import Body
 from outlast.drawing import LidarLayer, RoomLayer
-from outlast.envs.inspect.observation_text import observation_text
-from outlast.envs.inspect.world_json import describe, snapshot
 from outlast.envs.rendering import style as colors
 from outlast.envs.rendering.rgb import draw
+from outlast.envs.web.observation_text import observation_text
 from outlast.envs.web.pages import METRE, columns, write_page
+from outlast.envs.web.world_json import describe, snapshot
 from outlast.systems import Lidar, Maze, Preparation
 from tests.web.browser import ticks
 

@@ -14,8 +14,8 @@ import pytest
 import outlast
 from outlast.components import Body, Polygon, Shape, Solid
 from outlast.ecs import Archetype, Module
-from outlast.envs.inspect.world_json import describe, snapshot
 from outlast.envs.web.pages import write_page
+from outlast.envs.web.world_json import describe, snapshot
 from outlast.systems import Preparation, Rooms
 from tests.helpers.naive_geometry import NO_HIT, ray_box, ray_circle
 from tests.web.browser import Screen, ticks

@@ -10,9 +10,9 @@ import outlast
 from outlast.ecs import Clock, MemoryLayout
 from outlast.envs.adapters.gymnasium_single import SurvivalEnv
 from outlast.envs.errors import MessageError
-from outlast.envs.inspect.observation_text import observation_text
 from outlast.envs.rollout.policies import POLICIES
 from outlast.envs.web.game import Game, GamePhase, parse
+from outlast.envs.web.observation_text import observation_text
 from tests.conftest import digest
 from tests.helpers.remembering import Remembering
 

@@ -1,1 +1,0 @@
-"""A world as plain data and text, for pages and other programs."""
