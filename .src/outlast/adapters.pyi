@@ -5,4 +5,4 @@ from .envs.adapters.puffer import make_puffer as make_puffer
 from .envs.adapters.rllib import SurvivalMultiAgentEnv as SurvivalMultiAgentEnv
 from .envs.adapters.sb3 import make_sb3 as make_sb3
 from .envs.adapters.torchrl import make_torchrl as make_torchrl
-from .envs.core.scaling import scaled as scaled
+from .envs.core.observations import scaled as scaled

@@ -23,14 +23,10 @@ MASKED = 20  # maximum actions: a mask is stored for every subset of them
 
 
 class MaskedMultiDiscrete(spaces.MultiDiscrete):
-    """A MultiDiscrete (actions,) whose `sample` also takes a mask in the environments' form, (entries,).
-
-    Gymnasium's own takes a tuple with an array for each action; environments have one array for the masks of all
-    actions, like the outputs of networks.
-    """
+    """A MultiDiscrete (actions,) whose `sample` also takes a mask in the environments' form, (entries,)."""
 
     def sample(self, mask: Any = None, probability: Any = None) -> Any:
-        """Sample as gymnasium.spaces.MultiDiscrete does. mask: int8 or bool (entries,), or a tuple."""
+        """Sample as Gymnasium's own does, which takes a tuple with a mask for each action. mask: int8, bool or that."""
         if isinstance(mask, np.ndarray):
             mask = tuple(np.split(mask.astype(np.int8), np.cumsum(self.nvec)[:-1]))
         return super().sample(mask, probability)
@@ -112,8 +108,8 @@ class ActionSpace:
     ) -> Array:
         """Return the actions that a learner passed, checked but not converted; see validation.checked_actions.
 
-        given: For kind "multi" integers of any type (*shape, actions), for "joint" (*shape); for "continuous" floats
-        (*shape, actions), whose range is always checked. shape, axes: Those of the agents, such as "worlds, agents".
+        given: For kind "multi" integers (*shape, actions), for "joint" (*shape); for "continuous" floats (*shape,
+        actions), whose range is always checked. shape, axes: Those of the agents, such as "worlds, agents".
         """
         if self.kind == "joint":
             axes = f"({axes})" if axes else "a single one"
@@ -149,10 +145,7 @@ class ActionSpace:
         return given
 
     def write(self, given: Any, actions: Array, ranges: bool = False) -> None:
-        """Write a learner's actions for all agents of a batch into `actions`, integers (worlds, agents, actions).
-
-        That is unchanged if they are refused; see `rows`.
-        """
+        """Write a learner's actions into `actions`, integers (worlds, agents, actions), unless they are refused."""
         plain = self.kind == "multi" and not ranges and isinstance(given, np.ndarray)
         # the usual actions are written without conversion
         if not (plain and given.shape == actions.shape and given.dtype.kind in "iu"):
@@ -202,8 +195,7 @@ class ActionSpace:
 
 def _idle(module: Module, worlds: Worlds, known: Sequence[str]) -> dict[str, Array]:
     """Return the result of a module's idle_actions(). Raises DeclarationError if it has another form."""
-    given: Any = cast("MasksActions", module).idle_actions(worlds)
-    shape = worlds.count, worlds.dims["agents"]
+    given, shape = cast("Any", module).idle_actions(worlds), (worlds.count, worlds.dims["agents"])
     if not isinstance(given, Mapping):
         raise DeclarationError(f"{module.name}.idle_actions() returned {type(given).__name__}: a dict is needed")
     found = {key: np.asarray(idle) for key, idle in given.items()}

@@ -23,10 +23,7 @@ def present(worlds: Worlds, where: Any = slice(None)) -> Array:
 
 
 class Presence:
-    """The entries of infos about agents, for all adapters: "alive" and, only if the number of agents varies, "present".
-
-    Calls return the results of the functions `alive` and `present`.
-    """
+    """The entries of infos about agents: `alive` and, only if the number of agents varies, `present`."""
 
     def __init__(self, worlds: Worlds) -> None:
         entity, rows = worlds[Entity], worlds.span("agent")
@@ -34,11 +31,9 @@ class Presence:
         self._identity = entity.identity[:, rows] if counts_vary(worlds) else None
 
     def __call__(self, where: Any = slice(None)) -> dict[str, Array]:
-        """Return the entries, bool (worlds, agents), new arrays. where: index of worlds; 0 gives (agents,)."""
+        """Return the entries, new arrays. where: see `alive`."""
         found: dict[str, Array] = {"alive": self._alive[where].astype(bool)}
-        if self._identity is not None:
-            found["present"] = self._identity[where] >= 0
-        return found
+        return found if self._identity is None else found | {"present": self._identity[where] >= 0}
 
 
 def counts_vary(worlds: Worlds) -> bool:
@@ -63,9 +58,7 @@ def fewest_sides(worlds: Worlds) -> int:
 def counted(worlds: Worlds) -> dict[str, Array]:
     """Return whether entries of statistics belong to an agent, or to a side with agents, of the episode.
 
-    Returns:
-        For each statistic with an entry per agent or side, by key: bool (worlds, n). {} if all episodes have all
-        agents.
+    That is by key, for each statistic with an entry per agent or side, bool (worlds, n); {} if all agents always play.
     """
     if not counts_vary(worlds):
         return {}
@@ -87,16 +80,14 @@ def agent_statistics(worlds: Worlds, statistics: Mapping[str, Array], agents: sl
     side, and its world's otherwise; 0 for absent agents. agents: Which agents of a world to return.
     """
     known, sides, own = statistic_dims(worlds), side(worlds)[:, agents], dict[str, Array]()
-    absent = sides < 0
-    of_sides, some_absent = (np.arange(len(sides))[:, None], np.maximum(sides, 0)), absent.any()
+    of_sides = np.arange(len(sides))[:, None], np.maximum(sides, 0)
     for key, values in statistics.items():
-        dims = known.get(key, ())
-        if dims == ("agents",):
-            own[key] = values[:, agents].copy()
-        elif dims == ("sides",):
-            own[key] = values[of_sides]
-        else:
-            own[key] = np.repeat(values[:, None], sides.shape[1], axis=1)
-        if some_absent:
-            own[key][absent] = 0
+        match known.get(key, ()):
+            case ("agents",):
+                own[key] = values[:, agents].copy()
+            case ("sides",):
+                own[key] = values[of_sides]
+            case _:
+                own[key] = np.repeat(values[:, None], sides.shape[1], axis=1)
+        own[key][sides < 0] = 0
     return own

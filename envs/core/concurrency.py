@@ -17,7 +17,6 @@ from ..errors import ClosedError, PendingError
 
 Options = ParamSpec("Options")
 Result = TypeVar("Result")
-Step = TypeVar("Step", bound=Callable[..., Any])
 
 
 class Job:
@@ -31,8 +30,9 @@ class Job:
         self._unfinished.acquire()
 
     def start(self) -> None:
-        """Make the call, unless it has begun already. A start that Ctrl-C interrupted may be repeated."""
-        _thread.start_new_thread(self._run, ())
+        """Make the call, unless it has begun or ended. A start that Ctrl-C interrupted may be repeated."""
+        if not self.finished:
+            _thread.start_new_thread(self._run, ())
 
     def _run(self) -> None:
         if not self._claimed.acquire(blocking=False):
@@ -71,30 +71,21 @@ class CallGuard:
     """
 
     def __init__(self) -> None:
-        self.pending: Job | None = None
+        self.pending: Job | None = None  # a call that has begun and whose result has not been fetched
         self._owner = os.getpid()
         # the thread that is in a call; if Ctrl-C leaves it here, the thread's next call clears it
         self.inside: dict[str, int] = {}
 
     def enter(self) -> None:
-        """Begin a call, which `leave` ends. Raises PendingError while another thread is in a call."""
+        """Begin a call, which ends by `inside.pop("thread")`. Raises PendingError if another thread is in a call."""
         me = get_ident()
         if self.inside.setdefault("thread", me) != me:
             raise PendingError("another thread is in a call of this environment; make an environment for each thread")
 
-    def leave(self) -> None:
-        """End a call."""
-        self.inside.pop("thread", None)
-
-    @property
-    def busy(self) -> bool:
-        """Return whether the result of a call that has begun has not been fetched yet."""
-        return self.pending is not None
-
     def begin(self, call: Callable[..., Any], *arguments: Any) -> None:
         """Begin a call. The previous one must have been fetched. Raises PendingError if another thread is in a call."""
         self.enter()
-        self.leave()
+        self.inside.pop("thread", None)
         self._owner = os.getpid()
         self.pending = Job(self._guarded, call, *arguments)
         self.pending.start()
@@ -104,8 +95,7 @@ class CallGuard:
         if (job := self.pending) is None:
             raise PendingError("recv() without send()")
         self.check_owner()
-        if not job.finished:
-            job.start()  # again, as Ctrl-C may have interrupted `begin` before it did so
+        job.start()  # again, as Ctrl-C may have interrupted `begin` before it did so
         try:
             result = job.result()
         finally:
@@ -124,7 +114,7 @@ class CallGuard:
     def wait(self) -> None:
         """Wait for the end of a call that has begun, if any; its result can still be fetched."""
         job, here = self.pending, self._owner == os.getpid() and self.inside.get("thread") != get_ident()
-        if job is not None and here and not job.finished:
+        if job is not None and here:
             job.start()  # again, as in `fetch`
             job.wait()
 
@@ -133,7 +123,7 @@ class CallGuard:
         try:
             return call(*arguments)
         finally:
-            self.leave()
+            self.inside.pop("thread", None)
 
 
 def exclusive(call: Callable[Concatenate[Any, Options], Result]) -> Callable[Concatenate[Any, Options], Result]:
@@ -156,29 +146,10 @@ def exclusive(call: Callable[Concatenate[Any, Options], Result]) -> Callable[Con
     return checked
 
 
-def exclusive_step(call: Step) -> Step:
-    """Like `exclusive`, for `step`, with named arguments: packing and unpacking would take 4 % of a world's step."""
-
-    @functools.wraps(call)
-    def checked(env: Any, actions: Any, *, out: Any = None) -> Any:
-        guard, me = env._guard, get_ident()
-        if env.closed or guard.pending is not None:
-            check_callable(env)
-        inside = guard.inside
-        if inside.setdefault("thread", me) != me:
-            guard.enter()
-        try:
-            return call(env, actions, out=out)
-        finally:
-            inside.pop("thread", None)
-
-    return checked  # type: ignore[return-value]
-
-
 def check_callable(env: Any) -> None:
     """Refuse calls after close() (ClosedError) and between send() and recv() (PendingError)."""
     if env.closed:
         raise ClosedError("the environment is closed; make a new one")
     env._guard.check_owner()
-    if env._guard.busy:
+    if env._guard.pending is not None:
         raise PendingError("a step was sent and not received; call recv() first")

@@ -8,10 +8,10 @@ from gymnasium import spaces
 
 from outlast.components import Body, Health, Item, SelfView, Shape, Side, Wall, ZoneView
 from outlast.components.box import VERTICES
-from outlast.ecs import Distribution, Entity, Worlds
+from outlast.ecs import Entity, Worlds
 from outlast.ecs.declarations.fields import column_names
 
-from .scaling import Scale
+from .observations import Scale
 from .spaces import bounds
 from .validation import Array
 
@@ -19,17 +19,11 @@ POSE = ("x", "y", "angle")
 
 
 class Block(NamedTuple):
-    """Equal rows of the state.
+    """Equal rows of the state."""
 
-    Attributes:
-        names: The names of their numbers.
-        ends: For each number low, high, scale and whether it is in radians, float32 (4, numbers).
-        read: A function that returns the rows of some worlds, (..., rows, numbers of a row).
-    """
-
-    names: list[str]
-    ends: Array
-    read: Callable[[Any], Array]
+    names: list[str]  # of their numbers
+    ends: Array  # for each number low, high, scale and whether it is in radians, float32 (4, numbers)
+    read: Callable[[Any], Array]  # returns the rows of some worlds, (..., rows, numbers of a row)
 
 
 class GlobalState:
@@ -56,7 +50,7 @@ class GlobalState:
     """
 
     def __init__(self, worlds: Worlds, scaled: bool = False) -> None:
-        """Prepare it. scaled: divide by the scales, wrap angles and clip numbers without bounds, like scaling.Scale."""
+        """Prepare it. scaled: Whether to divide by the scales, wrap angles and clip numbers without bounds."""
         rows = worlds.layout.rows
         self.worlds, self.first = worlds, worlds.span("agent").start
         self.agents, self.items = rows(Side), rows(Item, Body)
@@ -112,7 +106,8 @@ class GlobalState:
         yield block(self.items, ("lies", "x", "y", "carrier"), (flag, x, y, carrier), self._items)
         yield standing(self.walls, (*POSE, *size), solid, [*pose, *sides])
         yield standing(self.bodies, POSE, (x, y, angle), pose)
-        drawn = [_column(*_extent(number.distribution)) for number in self.numbers.values()]
+        extremes = [[*map(float, number.distribution.extremes())] for number in self.numbers.values()]
+        drawn = [_column(low, high, max(abs(low), abs(high), 1e-3)) for low, *_, high in extremes]
         yield Block([f"numbers.{name}" for name in self.numbers], np.hstack(drawn or [flag]), self._numbers)
 
     def _units(self, key: str, *names: str) -> Array:
@@ -137,7 +132,6 @@ class GlobalState:
         return np.concatenate([rows, np.where(holder >= 0, holder - self.first + 1, 0)[..., None]], -1)
 
     def _numbers(self, w: int | slice) -> Array:
-        """Return the varied numbers as a block of one row: (..., 1, numbers)."""
         known = self.worlds.numbers()
         return np.stack([known[name][w] for name in self.numbers], -1)[..., None, :]
 
@@ -145,12 +139,6 @@ class GlobalState:
         """Return whether each row is in the world, followed by its columns, which are 0 if it is not."""
         alive = self.worlds[Entity].alive[w][..., rows]
         return np.stack([alive, *(np.where(alive, column[w][..., rows], 0) for column in columns)], -1)
-
-
-def _extent(distribution: Distribution) -> tuple[float, float, float]:
-    """Return the lowest and highest value of a distribution, and the divisor that scales them to -1 to 1."""
-    low, *_, high = map(float, distribution.extremes())
-    return low, high, max(abs(low), abs(high), 1e-3)
 
 
 def _column(low: float = -np.inf, high: float = np.inf, scale: float = 1.0) -> Array:

@@ -1,4 +1,4 @@
-"""The episodes of worlds: their beginnings and ends, and errors of worlds that cannot begin or continue."""
+"""The episodes of worlds: beginnings and ends, worlds that cannot begin or continue, and the events of a step."""
 
 import contextlib
 import logging
@@ -9,14 +9,18 @@ from typing import Any
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from outlast.components import End, Fault, Reward, Unplaced
-from outlast.ecs import SKIP, Stepper, Worlds
+from outlast.components import Death, End, Fault, Reward, Unplaced
+from outlast.ecs import SKIP, Clock, Stepper, Worlds
+from outlast.ecs.declarations.event import EventMemory, entries
 from outlast.ecs.kernels.cache_files import cache_folder
 
 from ..errors import FaultError, NotResetError, ScenarioError
 from .validation import Array
 
 LOGGER = logging.getLogger("outlast")
+DEATHS, LEVEL = logging.getLogger("outlast.deaths"), logging.INFO
+# deaths are logged if this logger is set to INFO; setting "outlast" to INFO is not enough
+DEATHS.setLevel(logging.WARNING)
 
 
 def check_playable(worlds: Worlds, name: str) -> None:
@@ -40,7 +44,7 @@ def check_faults(worlds: Worlds, first_world: int) -> None:
 
 
 def check_places(worlds: Worlds, first_world: int) -> None:
-    """Raise FaultError if a body of some world found no place at reset. first_world: the number of the first one."""
+    """Raise FaultError if a body of some world found no place at reset."""
     if Unplaced in worlds and worlds[Unplaced].bodies.any():
         w = int(worlds[Unplaced].bodies[:, 0].argmax())
         raise FaultError(
@@ -58,7 +62,7 @@ class EpisodeTracker(Stepper):
     """
 
     def __init__(self, worlds: Worlds, autoreset: AutoresetMode) -> None:
-        """Create it; none of the worlds is running yet. autoreset: when a world that ended begins its next episode."""
+        """Create it; none of the worlds is running yet."""
         super().__init__(
             worlds,
             actions=np.zeros((worlds.count, worlds.dims["agents"], len(worlds.layout.actions)), np.int64),
@@ -78,8 +82,7 @@ class EpisodeTracker(Stepper):
     def overwritten(self, where: Any) -> Iterator[dict[str, Array]]:
         """Stop all worlds while the worlds `where` are overwritten, since Ctrl-C may leave a world half-written.
 
-        Yields:
-            `masks` to overwrite; "started" takes effect only when everything else is written.
+        Yields `masks` to overwrite; "started" takes effect only when everything else is written.
         """
         before, masks = self.running.copy(), self.masks | {"started": self.running.copy()}
         self.running[:] = False
@@ -100,12 +103,12 @@ class EpisodeTracker(Stepper):
             )
 
     def check_going(self, where: Array | None) -> None:
-        """Raise NotResetError unless all worlds, or those `where`, are in a running episode."""
-        some = slice(None) if where is None else where
+        """Raise NotResetError unless all worlds, or those of the mask `where`, are in a running episode."""
+        some = np.ones(len(self.done), bool) if where is None else where
         self.check_running("step", some)
-        if (done := self.done)[some].any():
+        if (done := self.done & some).any():
             raise NotResetError(
-                f"worlds {np.flatnonzero(done if where is None else done & where)[:8].tolist()} have ended and "
+                f"worlds {np.flatnonzero(done)[:8].tolist()} have ended and "
                 'autoreset is disabled; reset them first: reset(options={"reset_mask": terminated | truncated})'
             )
 
@@ -122,3 +125,57 @@ def announce_compilation(worlds: Worlds, name: str) -> Iterator[None]:
     start = time.perf_counter()
     yield
     LOGGER.info("compiled in %.0f s", time.perf_counter() - start)
+
+
+class StepEvents:
+    """The events of every world's last step, even if the world was reset right after it."""
+
+    def __init__(self, worlds: Worlds) -> None:
+        self._worlds, self.some = worlds, False  # some: whether any events are kept
+        self._kept = np.zeros(worlds.count, bool)
+        self._memory = worlds.event_memory.of(slice(0))
+        self._clock = np.empty((0, 2), np.int64)
+
+    def keep(self, where: Array) -> None:
+        """Keep the events of the worlds `where`, bool (worlds,), which are about to be reset."""
+        clock = self._worlds[Clock]
+        self._kept = where.copy()
+        self._memory = self._worlds.event_memory.of(where)
+        self._clock = np.stack([clock.episode[where, 0], clock.tick[where, 0]], 1)
+        self.some = len(self._clock) > 0
+
+    def forget(self, where: Any = slice(None)) -> None:
+        """Drop the kept events of the worlds `where` (mask, indices or slice), which have continued from that step."""
+        if not self.some:
+            return
+        left = self._kept.copy()
+        left[where] = False
+        still = left[self._kept]
+        self._kept, self._memory, self._clock = left, self._memory.of(still), self._clock[still]
+        self.some = len(self._clock) > 0
+
+    def read(self) -> dict[str, Array]:
+        """Return the events by name; see ecs.Worlds.entries."""
+        if not self.some:
+            return self._worlds.events()
+        clock, now = self._worlds[Clock], self._worlds.event_memory
+        memory = EventMemory(now.counts.copy(), now.lists.copy())
+        episode, tick = clock.episode[:, 0].copy(), clock.tick[:, 0].copy()
+        memory.counts[self._kept], memory.lists[self._kept] = self._memory
+        episode[self._kept], tick[self._kept] = self._clock.T
+        times = (np.arange(self._worlds.count), episode, tick)
+        kinds = self._worlds.layout.events
+        return {kind.name: entries(kind, kinds, memory, times) for kind in kinds}
+
+
+def log_deaths(worlds: Worlds, first_world: int = 0) -> None:
+    """Log the deaths of the last tick at level INFO: world, tick, who, cause and the side that did it."""
+    # "no damage" is last, as its number is -1
+    causes = [*worlds.layout.labels["damage_type"], "no damage"]
+    for death in worlds.entries(Death):
+        if worlds.mode[death["world"]] == SKIP:  # this world took no tick, so the entry is an old one
+            continue
+        by = f" by side {death['side']}" if death["side"] >= 0 else ""
+        w, cause = first_world + death["world"], causes[death["damage_type"]]
+        who = worlds.layout.entity_names[death["agent"]]
+        DEATHS.log(LEVEL, "world %d, tick %d: %s died of %s%s", w, death["tick"], who, cause, by)

@@ -26,13 +26,9 @@ def current_numbers(worlds: Worlds) -> dict[str, Any]:
 
 
 def change_numbers(
-    scenario: Scenario,
-    worlds: Worlds,
-    asked: Sequence[tuple[str, Any]],
-    mask: Any,
-    check_unrecorded: Callable[[], None],
+    scenario: Scenario, worlds: Worlds, asked: Sequence[tuple[str, Any]], mask: Any, refuse: Callable[[], None]
 ) -> None:
-    """Set numbers; see SurvivalVectorEnv.set_numbers. check_unrecorded: Raises RecordingError during a recording."""
+    """Set numbers; see SurvivalVectorEnv.set_numbers. refuse: Raises RecordingError during a recording."""
     where = world_mask("mask", mask, worlds.count)
     full = by_full_name(scenario.find_number, asked)
     varied = {name: _chosen(name, value, where) for name, value in full.items() if name in worlds.layout.varied}
@@ -43,7 +39,7 @@ def change_numbers(
                 f"{next(iter(others))} is the same in all worlds: leave out the mask, or make the environment of a "
                 "scenario in which it varies: scenario.vary(...)"
             )
-        check_unrecorded()
+        refuse()
     with _restored(worlds):
         worlds.give_numbers(varied, where)
         if others:
@@ -63,16 +59,8 @@ def current_levels(worlds: Worlds, mask: Any) -> list[Level]:
     rows = np.flatnonzero(world_mask("mask", mask, worlds.count))
     if not clock.episode[rows].all():
         raise NotResetError("levels() before reset(): they are those of the episodes that worlds are in")
-    return [
-        Level(
-            {
-                name: tuple(values[w].tolist()) if values.ndim > 1 else values[w].item()
-                for name, values in varied.items()
-            },
-            (int(clock.seed[w, 0]), int(clock.world[w, 0]), int(clock.episode[w, 0])),
-        )
-        for w in rows.tolist()
-    ]
+    keys = zip(clock.seed[rows, 0], clock.world[rows, 0], clock.episode[rows, 0], strict=True)
+    return [Level({name: values[w] for name, values in varied.items()}, key) for w, key in zip(rows, keys, strict=True)]
 
 
 def change_levels(worlds: Worlds, levels: Sequence[Level], mask: Any) -> None:

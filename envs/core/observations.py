@@ -1,22 +1,23 @@
-"""Observations in the form for a learner: by key, flat or as lists, in units or scaled."""
+"""Observations in the form for a learner: by key, flat or as lists, in units or scaled to about -1 to 1."""
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 
 from outlast.ecs import Observation, Worlds
-from outlast.ecs.declarations.fields import Field, column_names
+from outlast.ecs.declarations.fields import Field, Fields, column_names
 
-from .scaling import Scale, joined
 from .spaces import bounds, published
 from .validation import Array, check_choice
 from .visible_rows import VisibleRows
 
 KINDS = ("dict", "flat", "rows")
 Arrays = dict[str, Array]
+LIMIT = 10.0  # scaled values without a known range are clipped to it, as normalising wrappers do
 
 
 class Observations:
@@ -34,7 +35,7 @@ class Observations:
     """
 
     def __init__(self, worlds: Worlds, kind: str, scaled: bool) -> None:
-        """Raise ValueError for another kind. scaled: by scaling.Scale, so that all bounds are finite."""
+        """Raise ValueError for another kind. scaled: Whether by Scale, so that all bounds are finite."""
         check_choice("observations", kind, KINDS)
         self.kind, self.scaled = kind, bool(scaled)
         found = published(worlds, Observation)
@@ -64,24 +65,20 @@ class Observations:
     def read(self, copy: bool) -> Any:
         """Return the observations now: new arrays, or without `copy` read-only views that the next call overwrites."""
         if self._lists is not None:
-            return self._rows(self._lists, copy)
+            found = self._lists()
+            if self.scaled or copy:
+                found = {key: array.copy() for key, array in found.items()}
+            for key in self._scales.keys() & found.keys() if self.scaled else ():
+                self._scales[key].apply(found[key])
+            return found
         if self.kind == "dict" and not self.scaled:
             return {key: view.copy() for key, view in self.views.items()} if copy else dict(self.views)
-        room = self.room(_empty) if copy or self._buffer is None else self._buffer
+        room = self.room(lambda shape: np.empty(shape, np.float32)) if copy or self._buffer is None else self._buffer
         self.write(room)
         if copy:
             return room
         self._buffer = room
         return each(room, read_only)
-
-    def _rows(self, lists: VisibleRows, copy: bool) -> Arrays:
-        """Return the observations with lists of rows."""
-        found = lists()
-        if self.scaled or copy:
-            found = {key: array.copy() for key, array in found.items()}
-        for key in self._scales.keys() & found.keys() if self.scaled else ():
-            self._scales[key].apply(found[key])
-        return found
 
     def of_each(self, where: Array) -> Array:
         """Return a copy of the observations of each of the worlds `where`, None for the others; objects (worlds,)."""
@@ -128,10 +125,7 @@ class Observations:
         )
 
     def room(self, empty: Any) -> Any:
-        """Return memory for `write`: results of empty(shape), float32, by key or as one.
-
-        Raises ValueError, as `check` and `of_agent` do, without a fixed shape.
-        """
+        """Return memory for `write`: results of empty(shape), float32, by key or as one. May raise ValueError."""
         self.check_fixed()
         if self.kind == "dict":
             return {key: empty(view.shape) for key, view in self.views.items()}
@@ -144,10 +138,6 @@ class Observations:
                 "observations = 'rows': lists of what agents see have another length in every step, and fixed shapes "
                 "are needed here; take 'dict' or 'flat' (only make_vec has 'rows')"
             )
-
-
-def _empty(shape: tuple[int, ...]) -> Array:
-    return np.empty(shape, np.float32)
 
 
 def each(observations: Any, change: Any) -> Any:
@@ -167,17 +157,9 @@ def number_names(key: str, shape: Sequence[int], fields: Mapping[str, Field]) ->
 
 
 def writable(name: str, given: Any, shape: tuple[int, ...], dtype: Any = np.float32) -> Array:
-    """Return the caller's memory as a numpy array.
+    """Return the caller's memory, an array or a tensor that shares its memory with numpy, as a numpy array.
 
-    Args:
-        name: Its name in errors.
-        given: A numpy array, or a tensor of a library that can share memory with numpy, such as PyTorch's on the CPU,
-            pinned or not.
-        shape: The shape that it must have.
-        dtype: The type that it must have.
-
-    Raises:
-        ValueError: It has another shape or type, cannot be written to, or is on another device.
+    ValueError, which names it, if it has another shape or type, cannot be written to, or is on another device.
     """
     array = given
     if not isinstance(given, np.ndarray) and hasattr(given, "__dlpack__") and hasattr(given, "__array__"):
@@ -201,3 +183,79 @@ def read_only(array: Array) -> Array:
     view = array.view()
     view.flags.writeable = False
     return view
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Scales of the columns of a row.
+
+    Attributes:
+        divisors: Divisors of the columns, float32 (columns,).
+        angles: Indices of columns in radians, which are wrapped to -pi to pi first.
+        unlimited: Indices of columns of unknown range, which are clipped to -LIMIT to LIMIT.
+    """
+
+    divisors: Array
+    angles: Array
+    unlimited: Array
+
+    @classmethod
+    def of(cls, fields: Mapping[str, Field], columns: int) -> "Scale":
+        """Return the scale of a row with these fields, for any ranges; without fields, a row is not scaled."""
+        divisors, angle = np.ones(columns, np.float32), np.zeros(columns, bool)
+        for field in fields.values():
+            divisors[field.columns], angle[field.columns] = field.scale, field.unit == "rad"
+        return cls(divisors, np.flatnonzero(angle), np.zeros(0, int))
+
+    def limited(self, low: Array, high: Array) -> tuple["Scale", Array, Array]:
+        """Return the scale, clipped where one of the ends (..., columns) is infinite, and the ends of the result."""
+        low, high = low.copy(), high.copy()
+        low[..., self.angles], high[..., self.angles] = -np.float32(math.pi), np.float32(math.pi)
+        endless = np.isinf(low) | np.isinf(high)
+        scale = Scale(self.divisors, self.angles, np.flatnonzero(endless.any(axis=tuple(range(endless.ndim - 1)))))
+        for ends, limit in ((low, -LIMIT), (high, LIMIT)):
+            ends /= self.divisors
+            at = ends[..., scale.unlimited]
+            ends[..., scale.unlimited] = np.where(np.isinf(at), limit, np.clip(at, -LIMIT, LIMIT))
+        return scale, low, high
+
+    def apply(self, rows: Array) -> None:
+        """Scale rows (..., columns) in place."""
+        if len(self.angles):
+            rows[..., self.angles] = np.remainder(rows[..., self.angles] + math.pi, math.tau) - math.pi
+        rows /= self.divisors
+        if len(self.unlimited):
+            rows[..., self.unlimited] = np.clip(rows[..., self.unlimited], -LIMIT, LIMIT)
+
+
+def joined(scales: list[Scale]) -> Scale:
+    """Return the scale of rows that are concatenated into one."""
+    starts = np.cumsum([0, *(len(scale.divisors) for scale in scales)])[:-1]
+    shifted = [(scale.angles + at, scale.unlimited + at) for scale, at in zip(scales, starts, strict=True)]
+    angles, unlimited = (np.concatenate(each) for each in zip(*shifted, strict=True))
+    return Scale(np.concatenate([scale.divisors for scale in scales]), angles, unlimited)
+
+
+def scaled(observations: Mapping[str, Array], fields: Fields) -> dict[str, Array]:
+    """Divide observations by the scales of their fields; angles (rad) are wrapped to -pi to pi first.
+
+    >>> seen = outlast.adapters.scaled(observations, env.fields)
+
+    Environments with scaled=True do that themselves, and also clip columns without bounds.
+
+    Args:
+        observations: By key, float32 (..., length of a row), from any adapter.
+        fields: `fields` of the environment that made them, or of its `base_env`.
+
+    Returns:
+        New arrays of the same shapes. Ids, masks and keys without fields are unchanged; rows of zeros stay zero.
+
+    Raises:
+        KeyError: `fields` has a key that is not among the observations.
+    """
+    found = dict(observations)
+    for key, named in fields.items():
+        row: Array = np.array(observations[key], np.float32)
+        Scale.of(named, row.shape[-1]).apply(row)
+        found[key] = row
+    return found

@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -30,41 +30,17 @@ from .validation import Array
 
 Ends = tuple[Array, Array]  # low, high
 Dims = tuple[int | str, ...]
-LARGEST = 8  # bytes of a number
 TAKEN = (
     *("world", "episode", "against", "own_side", "result"),  # columns of tables that identify the episode of a row
     *("wins", "wins_first", "wins_second", "life", "zone_distance", "heals_held"),  # columns of tables of matches
     *("near", "attack_near", "attack_far", "episodes", "steps", "reward"),  # entries of training logs
 )  # names that statistics cannot have, as tables and logs use them already
 BOUNDS: WeakKeyDictionary[MemoryLayout, dict[str, Ends]] = WeakKeyDictionary()  # see bounds
-
-
-class StatisticPlaces(NamedTuple):
-    """Places of the statistics of episodes in the states of worlds.
-
-    Attributes:
-        dims: The dimensions of each after `worlds`: () if it is one number.
-        places: Where each is when the words are side by side: index of its type, and its columns as such numbers.
-        dtypes: The types.
-        memory: The states as words as large as the smallest number, (worlds, words of a state).
-        words: Which words are statistics.
-    """
-
-    dims: dict[str, Dims]
-    places: dict[str, tuple[int, int | slice]]
-    dtypes: list[Any]
-    memory: Array
-    words: Array
-
-
-STATISTICS: WeakKeyDictionary[Worlds, StatisticPlaces] = WeakKeyDictionary()  # see _statistic_places
+STATISTICS: WeakKeyDictionary[Worlds, dict[str, tuple[Dims, Array]]] = WeakKeyDictionary()  # of _statistic_columns
 
 
 def published(worlds: Worlds, base: type[Component]) -> list[tuple[str, type[Component], str, Column]]:
-    """Return (key, component, column name, column) of all columns of a kind.
-
-    Actions come in the order that their components declare, everything else in order of keys.
-    """
+    """Return (key, component, column name, column) of all columns of a kind: actions as declared, others by keys."""
     found = [
         (column.key or name, component, name, column)
         for component in worlds.components
@@ -87,13 +63,7 @@ INFO = ("alive", "present", "action_mask", "final_obs", "final_info")  # entries
 
 
 def check_published(worlds: Worlds) -> None:
-    """Check that learners can use all declarations, and that each has an effect.
-
-    Raises:
-        DeclarationError: A column that learners see or set has no row per agent, or no system writes or reads it; a
-            reward that a system pays is overwritten after it; two statistics have the same name, or one that tables
-            and logs have already; no system counts a statistic, or emits an event.
-    """
+    """Raise DeclarationError unless learners can use all declarations, and each has an effect."""
     systems = worlds.layout.systems
     for base in (Observation, Action):
         for key, component, name, column in published(worlds, base):
@@ -118,11 +88,10 @@ def check_published(worlds: Worlds) -> None:
             taken = key in TAKEN
             why = "is in tables and logs already" if taken else "ends in a digit, which marks sides in these"
             raise DeclarationError(f"{component.__name__}.{name}: the statistic '{key}' {why}; rename it")
-    if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise DeclarationError(f"two entries of info are called '{twice[0]}'; rename a column of a Statistic")
-    for _, component, name, _ in published(worlds, Statistic):
         if not any(system.touches(component, *USES[Observation]) for system in systems):
             raise _unused(Statistic, component, f".{name}")
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise DeclarationError(f"two entries of info are called '{twice[0]}'; rename a column of a Statistic")
     for event in filter(is_outside, worlds.layout.events):
         # reading is enough, as the mechanic that emits it may be left out
         if not any(system.touches(event, "read", "write") for system in systems):
@@ -171,12 +140,8 @@ def bounds(worlds: Worlds) -> dict[str, Ends]:
     """Return the bounds of all observations of one world, by key: float32 (agents, ...), possibly infinite.
 
     The range of a field (or of a key without fields) is what its column declares, narrowed to what modules return for
-    it (see ecs.Module.bounds). A range of a single value is extended by 1, as wrappers that rescale divide by the width
-    of the range.
-
-    Raises:
-        DeclarationError: A module's bounds do not fit the shape, have a low end above the high one, or are not given by
-            the names of the key's fields.
+    it (see ecs.Module.bounds, whose mistakes are a DeclarationError). A range of a single value is extended by 1, as
+    wrappers that rescale divide by the width of the range.
     """
     if worlds.layout not in BOUNDS:
         BOUNDS[worlds.layout] = _bounds(worlds)
@@ -191,11 +156,12 @@ def _bounds(worlds: Worlds) -> dict[str, Ends]:
         if unknown := sorted(ends.keys() - Observation.keys()):
             hint = did_you_mean(unknown[0], Observation.keys()) or "fields are in the bounds of their key"
             raise DeclarationError(f"{module}.bounds() has the key '{unknown[0]}', which no observation has; {hint}")
-    for key, component, name, column in published(worlds, Observation):
-        fields, shape = layout.fields.get(key, {}), component.row_shape(name, worlds.dims)
+    for key, component, column_name, column in published(worlds, Observation):
+        fields, shape = layout.fields.get(key, {}), component.row_shape(column_name, worlds.dims)
         keys = {key, column.fields} if isinstance(column.fields, str) else {key}
-        given = [
-            _checked(module, k, ends[k], fields, shape) for module, ends in stated for k in sorted(keys & ends.keys())
+        given = [(np.full(shape, np.nan), np.full(shape, np.nan))]  # as without any
+        given += [
+            _checked(name, k, ends[k], fields, shape) for name, ends in stated for k in sorted(keys & ends.keys())
         ]
         sizes = [field.size for field in fields.values()] or 1
         declared = [
@@ -204,23 +170,18 @@ def _bounds(worlds: Worlds) -> dict[str, Ends]:
         ]
         least, most = (np.repeat(each, sizes) for each in (np.min(declared, 0)[:, 0], np.max(declared, 0)[:, 1]))
         with np.errstate(over="ignore"):  # values beyond float32 become infinite
-            low = np.fmax(_widest(np.fmin, shape, [ends[0] for ends in given]), np.fmax(least, column.low))
-            high = np.fmin(_widest(np.fmax, shape, [ends[1] for ends in given]), np.fmin(most, column.high))
+            low = np.fmax(np.fmin.reduce([ends[0] for ends in given]), np.fmax(least, column.low))
+            high = np.fmin(np.fmax.reduce([ends[1] for ends in given]), np.fmin(most, column.high))
             low, high = low.astype(np.float32), high.astype(np.float32)
         if (without := np.argwhere((low > 0) | (high < 0))).size:
             at = tuple(without[0])
-            column_name = (column_names(fields) or [str(at[-1])])[at[-1]]
+            field_name = (column_names(fields) or [str(at[-1])])[at[-1]]
             raise DeclarationError(
-                f"the bounds of '{column_name}' in '{key}' are {low[at]:g} to {high[at]:g}: 0 must be in them, as the "
+                f"the bounds of '{field_name}' in '{key}' are {low[at]:g} to {high[at]:g}: 0 must be in them, as the "
                 "rows of what is not there hold it"
             )
         found[key] = low, np.where(low == high, low + 1, high)
     return found
-
-
-def _widest(widest: np.ufunc, shape: tuple[int, ...], ends: list[Array]) -> Array:
-    """Return the widest of several ends, NaN without one."""
-    return widest.reduce([np.full(shape, np.nan), *ends])
 
 
 def _checked(module: str, key: str, ends: Any, fields: Mapping[str, Field], shape: tuple[int, ...]) -> Ends:
@@ -257,52 +218,34 @@ def _range(what: str, ends: tuple[Any, Any], shape: tuple[int, ...]) -> Ends:
 def statistics(worlds: Worlds, where: Array) -> dict[str, Array]:
     """Return copies of the episode statistics, (worlds,) or (worlds, n); rows of worlds other than `where` are zero.
 
-    They include the numbers that vary, except words.
-
-    A column with an entry per label of a kind, such as damage types, becomes one key for each: "deaths_zone".
+    They include the numbers that vary, except words. A column with an entry per label of a kind, such as damage types,
+    becomes one key for each: "deaths_zone".
     """
-    found, rows = _statistic_places(worlds), where.nonzero()[0]
-    table = np.zeros((len(where), len(found.words)), found.memory.dtype)  # one for all: each call of numpy costs
-    table[rows] = found.memory[rows[:, None], found.words]
-    views = [table.view(dtype) for dtype in found.dtypes]
-    result = {key: views[k][:, place] for key, (k, place) in found.places.items()}
-    for key, values in worlds.numbers().items():
-        if values.dtype.kind in "bif":
-            result[key] = np.where(where.reshape(-1, *[1] * (values.ndim - 1)), values, 0)
-    return result
+    columns = {key: values for key, (_, values) in _statistic_columns(worlds).items()}
+    columns |= {key: values for key, values in worlds.numbers().items() if values.dtype.kind in "bif"}
+    found, rows = dict[str, Array](), where.nonzero()[0]
+    for key, values in columns.items():
+        found[key] = ended = np.zeros(values.shape, values.dtype)
+        ended[rows] = values[rows]
+    return found
 
 
 def statistic_dims(worlds: Worlds) -> dict[str, Dims]:
     """Return the dimensions after `worlds` of each statistic, by its reported names."""
-    return _statistic_places(worlds).dims
+    return {key: dims for key, (dims, _) in _statistic_columns(worlds).items()}
 
 
-def _statistic_places(worlds: Worlds) -> StatisticPlaces:
-    if (known := STATISTICS.get(worlds)) is not None:
-        return known
-    found = [
-        (key, column.dims, getattr(worlds[component], name))  # values: (worlds, n)
-        for key, component, name, column in published(worlds, Statistic)
-    ]
-    dtypes = sorted({values.dtype for _, _, values in found}, key=lambda dtype: dtype.itemsize)
-    word = dtypes[0].itemsize if dtypes else LARGEST
-    starts, words = dict[str, int](), list[int]()
-    for key, _, values in sorted(found, key=lambda each: -each[2].itemsize):  # in this order, all are aligned
-        first = (values.ctypes.data - worlds.block.ctypes.data) // word
-        starts[key] = len(words) * word // values.itemsize
-        words += range(first, first + values[0].nbytes // word)
-    words += words[:1] * (-len(words) % (LARGEST // word))  # so that rows can be viewed as any type
-    dims, places = dict[str, Dims](), dict[str, tuple[int, int | slice]]()
-    for key, of, values in found:
-        k, start, names = dtypes.index(values.dtype), starts[key], _reported(worlds, key, of)
-        if of and names == [key]:
-            dims[key], places[key] = of, (k, slice(start, start + values.shape[1]))
-        else:
-            for place, name in enumerate(names, start):
-                dims[name], places[name] = (), (k, place)
-    memory = worlds.block.view(f"u{word}")
-    STATISTICS[worlds] = made = StatisticPlaces(dims, places, dtypes, memory, np.array(words, np.intp))
-    return made
+def _statistic_columns(worlds: Worlds) -> dict[str, tuple[Dims, Array]]:
+    """Return the dimensions and a view of each statistic, by its reported names."""
+    if (found := STATISTICS.get(worlds)) is None:
+        STATISTICS[worlds] = found = {}
+        for key, component, name, column in published(worlds, Statistic):
+            values, names = getattr(worlds[component], name), _reported(worlds, key, column.dims)
+            if column.dims and names == [key]:
+                found[key] = column.dims, values
+            else:
+                found |= {each: ((), values[:, k]) for k, each in enumerate(names)}
+    return found
 
 
 def _reported(worlds: Worlds, key: str, dims: Dims) -> list[str]:

@@ -50,8 +50,7 @@ def autoreset_mode(mode: Any) -> AutoresetMode:
 def keys(seed: Any, count: int, first_world: int) -> tuple[Array, Array, Array]:
     """Return the keys of the worlds' random numbers; see SurvivalVectorEnv.reset.
 
-    Returns:
-        Seeds and worlds, uint64 (count,), and whether worlds get them, bool (count,): those without a seed continue.
+    These are seeds and worlds, uint64 (count,), and whether worlds get them, bool (count,); the others continue.
     """
     given = np.asarray(seed, object)
     if given.ndim == 0:
@@ -69,10 +68,7 @@ def _seed(value: Any) -> np.uint64:
 
 
 def reset_mask(options: Any, count: int) -> Array:
-    """Return options["reset_mask"], bool (count,); all worlds without it.
-
-    Other keys raise ValueError: otherwise, a typo in this one would reset everything.
-    """
+    """Return options["reset_mask"], bool (count,); all worlds without it. Other keys, such as a typo: ValueError."""
     if not isinstance(options, dict | None) or {*(options or ())} - {"reset_mask"}:
         raise ValueError(f"options = {options!r}: a dict with no other key than reset_mask is needed")
     return world_mask("reset_mask", (options or {}).get("reset_mask"), count)
@@ -102,10 +98,10 @@ def checked_actions(
     who: str = "agent {1} in world {0}",
     keys: Sequence[str] = (),
 ) -> Array:
-    """Return the actions that a caller passed, as an array.
+    """Return the actions that a caller passed, integers of any type, as an array.
 
     Args:
-        given: Integers of any type, as an array or nested lists.
+        given: An array or nested lists.
         shape: The shape they must have; the actions of one agent are the last axis.
         sizes: Number of values of each of these actions.
         ranges: Whether to check that each action is from 0 to its size - 1.
@@ -114,11 +110,7 @@ def checked_actions(
         who: Format of an agent's name in errors, by all indices but the last ("sub-environment {0}").
         keys: Names of the actions of an agent in errors.
 
-    Returns:
-        `given` as an integer array of that shape.
-
-    Raises:
-        ActionError: The wrong shape or type, or an action that is out of range.
+    Raises ActionError for the wrong shape or type, or an action that is out of range.
     """
     actions = _shaped(given, shape, "iu", "integers", what, axes)
     if not ranges:
@@ -138,11 +130,7 @@ def checked_actions(
 def checked_fractions(
     given: Any, shape: tuple[int, ...], *, what: str, axes: str, who: str, keys: Sequence[str]
 ) -> Array:
-    """Return the continuous actions that a caller passed, as float32 of that shape; otherwise like `checked_actions`.
-
-    Raises:
-        ActionError: The wrong shape or type, or an action that is not from -1 to 1, apart from rounding to float32.
-    """
+    """Return the continuous actions that a caller passed, from -1 to 1, as float32; see `checked_actions`."""
     actions = _shaped(given, shape, "f", "floats", what, axes).astype(np.float32)
     bad = ~(np.abs(actions) <= 1 + ROUNDING)  # in this form it is also true for NaN
     if bad.any():
@@ -176,8 +164,7 @@ def joined(tables: Sequence[Mapping[str, Any]]) -> dict[str, Array]:
 def as_array(value: Any) -> Array:
     """Return `value` as an array; lists of unequal length become an array of objects, which shape or type will refuse.
 
-    Raises:
-        ActionError: It is a tensor that numpy cannot read, such as one with a gradient or on a GPU.
+    Raises ActionError for a tensor that numpy cannot read, such as one with a gradient or on a GPU.
     """
     try:
         return np.asarray(value)

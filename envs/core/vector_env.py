@@ -19,17 +19,15 @@ from ..levels import Level
 from ..rendering.rgb import FPS, RENDER_MODES, Pictured, render_worlds
 from ..scenarios.scenario import Scenario
 from ..snapshots.state import State, restore, snapshot
+from . import lifecycle
 from .action_spaces import ActionSpace
 from .agents import Presence, counted
-from .concurrency import CallGuard, check_callable, exclusive, exclusive_step
+from .concurrency import CallGuard, check_callable, exclusive
 from .global_state import GlobalState
-from .lifecycle import EpisodeTracker, announce_compilation, check_faults, check_places, check_playable
 from .numbers import change_levels, change_numbers, current_levels, current_numbers
 from .observations import Observations, writable
-from .places import place
-from .query import Query
+from .one_world import Query, place
 from .spaces import check_published, statistics
-from .step_events import DEATHS, LEVEL, StepEvents, log_deaths
 from .validation import MAX_WORLDS, Array, Seeds, as_array, check_choice, check_count, check_flags, keys, reset_mask
 from .validation import autoreset_mode as checked_autoreset_mode
 
@@ -132,7 +130,7 @@ class SurvivalVectorEnv(Pictured, BatchedSpaces):
         self.metadata["autoreset_mode"] = self.autoreset_mode
         self.worlds = scenario.worlds(int(num_worlds), int(threads), interpret=interpret, specialize=specialize)
         self._guard = CallGuard()
-        check_playable(self.worlds, scenario.name)
+        lifecycle.check_playable(self.worlds, scenario.name)
         check_published(self.worlds)
         self.num_envs = self.num_worlds = int(num_worlds)
         self.num_agents = self.worlds.dims["agents"]
@@ -140,15 +138,15 @@ class SurvivalVectorEnv(Pictured, BatchedSpaces):
         self._actions, self._masked = ActionSpace(self.worlds, actions, action_masks), bool(action_masks)
         self.single_observation_space = self._reader.space
         self.single_action_space = self._actions.batched(self.num_agents)
-        self._tracker = EpisodeTracker(self.worlds, self.autoreset_mode)
+        self._tracker = lifecycle.EpisodeTracker(self.worlds, self.autoreset_mode)
         end = self.worlds[End]
         self._reward, self._varied = self.worlds[Reward].reward, bool(self.worlds.layout.varied)
         self._terminated, self._truncated = end.terminated[:, 0], end.truncated[:, 0]
-        self._step_events = StepEvents(self.worlds)
+        self._step_events = lifecycle.StepEvents(self.worlds)
         self._stops: Stops | None = None
         seed = seed if seed is not None else int(np.random.SeedSequence().generate_state(1, np.uint64)[0] >> 1)
         self.worlds.seed(*keys(seed, self.num_worlds, self.first_world)[:2])
-        with announce_compilation(self.worlds, scenario.name):
+        with lifecycle.announce_compilation(self.worlds, scenario.name):
             self._tracker.load()
             self.worlds.run(self._tracker.mode)  # compiles or loads the tick; no world runs yet
 
@@ -174,11 +172,11 @@ class SurvivalVectorEnv(Pictured, BatchedSpaces):
         mask = reset_mask(options, self.num_worlds)
         given = None if seed is None else keys(seed, self.num_worlds, self.first_world)
         self._tracker.reset(mask, given)
-        check_places(self.worlds, self.first_world)
+        lifecycle.check_places(self.worlds, self.first_world)
         self._step_events.forget(mask)
         return self._observe(), self._info()
 
-    @exclusive_step
+    @exclusive
     def step(
         self, actions: Actions, *, out: Mapping[str, Any] | None = None
     ) -> tuple[Arrays, Any, Any, Any, dict[str, Any]]:
@@ -222,13 +220,13 @@ class SurvivalVectorEnv(Pictured, BatchedSpaces):
         terminated, truncated = self._terminated.copy(), self._truncated.copy()
         if self._stops is not None:
             self._stop(slice(None), terminated, truncated)
-        if DEATHS.level <= LEVEL:
-            log_deaths(self.worlds, self.first_world)
+        if lifecycle.DEATHS.isEnabledFor(lifecycle.LEVEL):
+            lifecycle.log_deaths(self.worlds, self.first_world)
         reward = self._reward.copy() if buffers is None else buffers.put("rewards", self._reward)
         ended: dict[str, Any] = {}
         try:
             if flags & tracker.FAULT:
-                check_faults(self.worlds, self.first_world)
+                lifecycle.check_faults(self.worlds, self.first_world)
         finally:  # episodes of the other worlds may have ended
             if flags & tracker.DONE or (self._stops is not None and tracker.stopped.any()):
                 ended = self._finish(tracker.done)

@@ -26,8 +26,7 @@ def list_rows(kinds: int, count: int) -> int:
     * values, float32 (worlds, agents, rows, columns), and the bytes from one to the next along each of the first axes;
     * masks, float32 (worlds, agents, rows), not 0 where a row is seen, and the same of these;
     * worlds, agents, rows, columns;
-    * written: the rows that are seen, float32 (n, columns), agent after agent; whose each is, int32; which of the
-      agent's rows it is, int32; where the rows of each agent begin, and the last end, int64 (worlds * agents + 1,).
+    * what is written: rows, owners, indices and starts, as VisibleRows returns them.
     """
     for k in range(count):
         at = kinds + 8 * KIND * k

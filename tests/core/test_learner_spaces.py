@@ -12,7 +12,7 @@ import pytest
 import outlast
 from outlast.components import Attack, Bag, Body, Health, Phase, Weapon
 from outlast.ecs import Action, Entity, Read, Rows, Write, column, columns_of
-from outlast.envs.core.scaling import LIMIT
+from outlast.envs.core.observations import LIMIT
 from outlast.envs.rollout.policies import STYLES, others_policy
 from outlast.errors import ActionError, DeclarationError
 from outlast.systems import DropLast, FineMotors, FineSteering, Respawn

@@ -184,6 +184,6 @@ def test_while_a_thread_is_in_a_call_no_other_call_is_let_in() -> None:
         for call in calls:
             with pytest.raises(PendingError, match="another thread is in a call of this environment"):
                 pool.submit(call).result()
-    env._guard.leave()
+    env._guard.inside.clear()
     assert digest(env.worlds) == before
     go_on(env, 1)
