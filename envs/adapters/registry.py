@@ -6,7 +6,7 @@ Gymnasium has ``outlast/FreeForAll1-v1`` ... ``outlast/Teams4-v1`` for the eight
 
 import gymnasium
 
-from ..scenarios.imports import installed
+from ..scenarios.parse import installed
 from ..scenarios.variants import VARIANTS
 
 VERSION = "v1"  # version of the environments, to be raised when their behaviour changes

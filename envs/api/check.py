@@ -10,7 +10,6 @@ from itertools import islice
 from typing import Any
 
 import numpy as np
-from gymnasium.vector import AutoresetMode
 
 from outlast.ecs import EngineError
 from outlast.ecs.kernels.integers import is_whole
@@ -25,9 +24,7 @@ from .make import make_vec
 
 Moment = dict[str, Array]  # the arrays that a step returns, by name: (worlds, ...)
 
-AS_PYTHON = (
-    20  # steps to compare; not more, as Python and machine code may differ in the last bit: collisions amplify it
-)
+AS_PYTHON = 20  # steps; Python and machine code may differ in the last bit, and collisions amplify it
 CLOSE = 1e-3  # absolute and relative difference up to which numbers differ by rounding only
 
 
@@ -106,11 +103,8 @@ class _Game:
         self.first = [*self.played(self.env)]
 
     def make(self, worlds: int = 0, first_world: int = 0, interpret: tuple[str, ...] = ()) -> SurvivalVectorEnv:
-        mode = AutoresetMode.NEXT_STEP
-        count = worlds or self.worlds
-        return make_vec(
-            self.scenario, count, seed=self.seed, first_world=first_world, autoreset_mode=mode, interpret=interpret
-        )
+        count, where = worlds or self.worlds, {"seed": self.seed, "first_world": first_world}
+        return make_vec(self.scenario, count, **where, interpret=interpret)  # type: ignore[arg-type]
 
     def played(self, env: SurvivalVectorEnv) -> Iterator[Moment]:
         """Yield what a reset and each step return, and keep the state in the middle."""
@@ -186,12 +180,7 @@ def _python(game: _Game) -> str:
 
 
 CHECKS: dict[str, Callable[[_Game], str]] = {
-    "bounds": _bounds,
-    "finite": _finite,
-    "again": _again,
-    "alone": _alone,
-    "state": _state,
-    "python": _python,
+    each.__name__[1:]: each for each in (_bounds, _finite, _again, _alone, _state, _python)
 }
 
 

@@ -2,6 +2,7 @@
 
 import contextlib
 import logging
+import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -117,7 +118,9 @@ def film(
             shown, played = _replayed(replay, steps, worlds, looks)
             return write_film_of(out, replay.worlds, played, shown, looks, recording.scenario.name, progress, more)
     asked = resolve(os.fspath(game) if isinstance(game, os.PathLike) else game, numbers, options_of(film))  # type: ignore[arg-type]
-    count = _count(worlds, looks)
+    if worlds is not None and not is_whole(worlds, 1):
+        raise FilmError(f"worlds = {worlds!r}: how many to play is needed, 1 or more; numbers are for recordings")
+    count = math.prod(mosaic or (1, 1)) if worlds is None else int(worlds)  # type: ignore[arg-type]
     env, act, _ = worlds_of(asked, policy or "scripted", others, count, seed=seed or 0)
     with contextlib.closing(env):
         played = ticks(env, act, STEPS if steps is None else steps)
@@ -179,17 +182,14 @@ def write_film_of(
 
     Worlds that a mosaic has no room for are left out, with a message. title: The game and who plays. Raises FilmError.
     """
-    if looks.mosaic is not None and len(shown) > (room := looks.mosaic[0] * looks.mosaic[1]):
+    if looks.mosaic is not None and len(shown) > (room := math.prod(looks.mosaic)):
         LOGGER.warning("a mosaic of %dx%d has room for %d of the %d worlds", *looks.mosaic, room, len(shown))
         shown = shown[:room]
     settings: dict[str, Any] = {"size": looks.size, "mosaic": looks.mosaic, "every": looks.every}
-    rate: Any = looks.fps
-    stands = is_whole(rate) and ending(Path(out)) != ""  # other rates are refused below
-    hold = round(HOLD * int(rate)) if stands else 0
-    settings["layers"] = [*select(looks.views), *layers]
-    frames = footage(worlds, played, shown, title=title, hold=hold, **settings)
+    chosen, hold = [*select(looks.views), *layers], round(HOLD * looks.fps) if ending(Path(out)) else 0
+    frames = footage(worlds, played, shown, title=title, hold=hold, layers=chosen, **settings)
     scene = Scene(worlds, shown[0])
-    for layer in settings["layers"]:
+    for layer in chosen:
         if layer not in FILM_LAYERS and not layer.fits(scene):  # the user asked for this layer
             lacking = " and ".join(need.__name__ for need in layer.needs if need not in scene)
             LOGGER.warning("%s shows nothing: the game has no %s", type(layer).__name__, lacking or "use for it")
@@ -205,24 +205,12 @@ def _counted(frames: Iterable[Any], progress: Count) -> Iterator[Any]:
 
 def _players(policy: Other, others: Others | None) -> str:
     """Return in words who plays."""
-    names = [_name(each) for each, _ in entries_of(others)] if others is not None else []
-    return f"{_name(policy)} policy" + (f" against {' or '.join(names)}" if names else "")
-
-
-def _name(policy: Any) -> str:
-    if isinstance(policy, (str, os.PathLike)):
-        return Path(policy).stem
-    return getattr(policy, "__name__", type(policy).__name__)
-
-
-def _count(worlds: int | Sequence[int] | None, looks: Looks) -> int:
-    """Return how many worlds to play. Raises FilmError if `worlds` is not such a number."""
-    if worlds is None:
-        rows, columns = looks.mosaic or (1, 1)
-        return max(1, rows * columns)
-    if not is_whole(worlds, 1):
-        raise FilmError(f"worlds = {worlds!r}: how many to play is needed, 1 or more; numbers are for recordings")
-    return int(worlds)
+    players = [policy, *(each for each, _ in entries_of(others))] if others is not None else [policy]
+    own, *names = (
+        Path(each).stem if isinstance(each, (str, os.PathLike)) else getattr(each, "__name__", type(each).__name__)
+        for each in players
+    )
+    return f"{own} policy" + (f" against {' or '.join(names)}" if names else "")
 
 
 def _recording(game: str | os.PathLike[str] | Scenario | Recording) -> Recording | None:
@@ -243,7 +231,7 @@ def _replayed(
 ) -> tuple[Sequence[int], Iterator[int]]:
     """Return the worlds to show, and an iterator that replays them."""
     most = replay.worlds.count
-    room = looks.mosaic[0] * looks.mosaic[1] if looks.mosaic else REPLAYED
+    room = math.prod(looks.mosaic) if looks.mosaic else REPLAYED
     asked: Any = min(room, most) if worlds is None else worlds
     if not (is_whole(asked) or isinstance(asked, Iterable)):
         raise FilmError(f"worlds = {asked!r}: how many are to be shown, or their numbers, are needed")

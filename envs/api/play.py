@@ -115,14 +115,8 @@ def _check(fps: Any, port: Any) -> None:
         raise PlayError(f"fps = {fps!r}: a number above 0, up to {FASTEST}, is needed")
     if not is_whole(port, 0, 65535):
         raise PlayError(f"port = {port!r}: an integer from 1 to 65535 is needed, or 0 for a free one")
-    if _in_loop():
+    loop = None
+    with contextlib.suppress(RuntimeError):
+        loop = asyncio.get_running_loop()
+    if loop is not None:
         raise PlayError("an event loop runs here already, as in a notebook: run `outlast play` in a terminal")
-
-
-def _in_loop() -> bool:
-    """Return whether an event loop runs in this thread."""
-    try:
-        asyncio.get_running_loop()
-    except RuntimeError:
-        return False
-    return True

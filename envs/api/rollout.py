@@ -14,19 +14,8 @@ from ..core.validation import Array, check_count
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import UsageError
 from ..recording import record as record_env
-from ..rollout import local
-from ..rollout.lineup import (
-    Entries,
-    Lineup,
-    Other,
-    Others,
-    checked_entries,
-    entries_of,
-    is_foreign,
-    load_policies,
-    loaded,
-    maker,
-)
+from ..rollout import lineup, local
+from ..rollout.lineup import Entries, Other, Others, entries_of
 from ..rollout.memory import check_memories
 from ..rollout.outcome import Against
 from ..rollout.policies import Policy, plain
@@ -124,10 +113,15 @@ def rollout(
         KeyboardInterrupt: After Ctrl-C, with the summary so far as its argument; files of events and episodes contain
             everything up to then.
     """
-    counts = {"steps": (steps, 0), "worlds": (worlds, 1), "episodes": (episodes, 1), "threads": (threads, 1)}
-    for name, (count, least) in (counts | {"seed": (seed, 0)}).items():
+    for name, count in {
+        "steps": steps,
+        "worlds": worlds,
+        "episodes": episodes,
+        "threads": threads,
+        "seed": seed,
+    }.items():
         if count is not None:
-            check_count(name, count, least)
+            check_count(name, count, 0 if name in ("steps", "seed") else 1)
     if steps and episodes is not None:
         raise UsageError("rollout: steps and episodes exclude each other; give one of them")
     check_files(record, record_policy, events, csv)
@@ -147,14 +141,9 @@ def rollout(
             settings |= {"specialize": specialize, "interpret": interpret}
             made = worlds_of(resolve(game, numbers, options_of(rollout)), policy, others, worlds or WORLDS, **settings)
             stack.enter_context(contextlib.closing(made[0]))
-        files: dict[str, Any] = {
-            "record": record,
-            "record_policy": record_policy,
-            "events": events,
-            "csv": csv,
-            "keep": keep,
-        }
-        play = stack.enter_context(prepared(*made, watch=watch, steps=steps, episodes=episodes or 1, **files))
+        files: dict[str, Any] = {"record": record, "record_policy": record_policy, "events": events, "csv": csv}
+        counts = {"steps": steps, "episodes": episodes or 1}
+        play = stack.enter_context(prepared(*made, keep=keep, watch=watch, **counts, **files))
         try:
             return play(progress)
         except KeyboardInterrupt as stop:
@@ -188,8 +177,8 @@ def worlds_of(
     """Make worlds in which all policies can play; also return what `players_in` does. settings: of make_vec."""
     entries = _entries(policy, others)
     names = [each for each, _ in entries]
-    fitting, players = load_policies(names, asked, settings["seed"])
-    foreign = any(map(is_foreign, names))
+    fitting, players = lineup.load_policies(names, asked, settings["seed"])
+    foreign = any(map(lineup.is_foreign, names))
     env = make_vec(fitting, worlds, copy=foreign, check_actions=foreign, **settings)
     try:
         return env, *_playing(env, players, entries, settings["seed"])
@@ -201,12 +190,12 @@ def worlds_of(
 def players_in(env: SurvivalVectorEnv, policy: Other, others: Others | None) -> tuple[Policy, Against | None]:
     """Return the policy of all agents of these worlds, and the same, if there are others, as it counts who wins."""
     entries = _entries(policy, others)
-    return _playing(env, loaded([each for each, _ in entries], 0), entries, 0)
+    return _playing(env, lineup.loaded([each for each, _ in entries], 0), entries, 0)
 
 
 def _entries(policy: Other, others: Others | None) -> Entries:
     """Return the policy and the others, with weights. Raises UsageError if any is not valid."""
-    entries = [*checked_entries([(policy, 1)]), *([] if others is None else entries_of(others))]
+    entries = [*lineup.checked_entries([(policy, 1)]), *([] if others is None else entries_of(others))]
     check_memories([each for each, _ in entries])
     return entries
 
@@ -217,7 +206,7 @@ def _playing(
     for player in players:
         if callable(check := getattr(player, "check", None)):
             check(plain(env))
-    policy = maker(players[0])(env, seed)
+    policy = lineup.maker(players[0])(env, seed)
     if len(players) == 1:
         return policy, None
     if env.autoreset_mode is not AutoresetMode.NEXT_STEP:
@@ -227,7 +216,7 @@ def _playing(
         )
     plain(env)
     weighted = [(player, weight) for player, (_, weight) in zip(players[1:], entries[1:], strict=True)]
-    against = Against(env, policy, Lineup(weighted, env, names=_titles([each for each, _ in entries[1:]])))
+    against = Against(env, policy, lineup.Lineup(weighted, env, names=_titles([each for each, _ in entries[1:]])))
     return against, against
 
 
@@ -248,10 +237,8 @@ def prepared(
 ) -> Iterator[Play]:
     """Open the files of a rollout, and yield a function that plays the steps, or else episodes, of these worlds.
 
-    Raises:
-        UsageError: A file cannot be written.
-        KeyboardInterrupt: After Ctrl-C, when all files are complete; with the summary as its argument if it came behind
-            the last step.
+    Raises UsageError for a file that cannot be written; after Ctrl-C, when all files are complete, KeyboardInterrupt,
+    with the summary as its argument if it came behind the last step.
     """
     thinks, plays = (against.policy, against.plays) if against else (policy, None)
     watchers = [each for each in (watch, against and against.watch) if each]
@@ -273,18 +260,24 @@ def prepared(
                 rows, add = numbered(env, numbers, against), kept.append
                 ended.append(lambda info, where: add(rows(info, where)) if where.any() else None)
 
-            def begin_next(info: Mapping[str, Any], where: Array) -> None:
-                numbers[where] += 1
+            def look(where: Array) -> None:
+                for watcher in watchers:
+                    watcher(where)
 
-            ended.append(begin_next)
+            def note(info: Mapping[str, Any], where: Array) -> None:
+                for each in ended:
+                    each(info, where)
+                numbers[where] += 1
 
             def play(progress: Progress) -> Summary:
                 def progressed(summary: Summary) -> None:
                     summary.outcomes, summary.kept = against.outcomes if against else {}, kept
                     progress(summary)
 
-                look, note = (_all_of(each) if each else None for each in (watchers, ended))
-                parts.append(local.rollout(env, policy, steps, progressed, episodes=episodes, watch=look, ended=note))
+                watched = look if watchers else None
+                parts.append(
+                    local.rollout(env, policy, steps, progressed, episodes=episodes, watch=watched, ended=note)
+                )
                 return parts[-1]
 
             yield play
@@ -301,14 +294,6 @@ def _titles(policies: Sequence[str | Policy]) -> list[str]:
         title = each if isinstance(each, str) else getattr(each, "__name__", type(each).__name__)
         titles.append(title if title not in titles else f"{title} {len(titles) + 1}")
     return titles
-
-
-def _all_of(functions: Sequence[Callable[..., None]]) -> Callable[..., None]:
-    def call(*arguments: Any) -> None:
-        for each in functions:
-            each(*arguments)
-
-    return call
 
 
 def check_files(record: File | None, record_policy: bool, events: File | None, csv: File | None) -> None:

@@ -21,8 +21,8 @@ from ..errors import ScenarioError, UsageError
 from ..rendering.canvas import png
 from ..rendering.rgb import check_pictures, footage, near_square
 from ..scenarios.floor_plan import GENERATORS, LAYOUT, FloorPlan, in_words
-from ..scenarios.imports import installed, package, scenario_of_package
 from ..scenarios.number_table import NumberRow, scenario_rows
+from ..scenarios.parse import installed, package, scenario_of_package
 from ..scenarios.variants import ABLATIONS, ALIASES, VARIANTS
 from ..storage.outputs import atomic_write, check_file, written_to
 from ..text_table import terminal_width, text_table

@@ -16,7 +16,7 @@ from outlast.ecs.kernels.errors import OutlastError
 from ..progress import CLOSED, Messages
 from ..rollout.policies import POLICIES
 from ..scenarios.floor_plan import GENERATORS
-from ..scenarios.imports import installed
+from ..scenarios.parse import installed
 from ..scenarios.variants import VARIANTS
 from ..storage.interrupts import children_awaited, save_requests, stops_as_ctrl_c
 from . import games, playing

@@ -19,8 +19,7 @@ from ..progress import above_bars
 from ..rollout.lineup import checked_entries, parse_lineup
 from ..scenarios.derivation import by_full_name
 from ..scenarios.floor_plan import LAYOUT, named_layout
-from ..scenarios.imports import module_of
-from ..scenarios.parse import distribution, mechanic, resolve, typed, with_roles
+from ..scenarios.parse import distribution, mechanic, module_of, resolve, typed, with_roles
 from ..scenarios.scenario import Scenario
 from ..storage.inputs import read_text
 from ..storage.outputs import check_file, written_to

@@ -23,9 +23,9 @@ from ..errors import RecordingError, ReplayError, ScenarioError
 from ..rollout.summary import Summary
 from ..rollout.table_file import with_episodes
 from ..scenarios.fingerprint import classes, difference, fingerprint, planned, rebuilt
-from ..scenarios.mechanics import foreign
 from ..scenarios.parse import resolve
 from ..scenarios.scenario import Scenario
+from ..scenarios.scenario_json import foreign
 from . import file_format
 from .digests import Digests
 from .file_format import DONE, HEAD, KEY_SIZE, RECORDS, Chunk, JointActions, TickFormat, TickRecord

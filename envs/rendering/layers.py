@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from outlast.ecs.kernels.errors import did_you_mean
 
 from ..errors import FilmError
-from ..scenarios.imports import member_of, module_of
+from ..scenarios.parse import member_of, module_of
 from . import bodies, sight, words
 from .canvas import Layer
 

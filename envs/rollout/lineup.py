@@ -17,7 +17,7 @@ from outlast.ecs import Clock, Worlds
 from ..core.validation import Array, checked_actions
 from ..core.vector_env import Actions, Arrays, SurvivalVectorEnv
 from ..errors import UsageError
-from ..scenarios.imports import member_of, module_of
+from ..scenarios.parse import member_of, module_of
 from ..scenarios.scenario import Scenario
 from .memory import Begins, has_memory, tell
 from .policies import POLICIES, Maker, Policy, hashed, maker_of, others_policy

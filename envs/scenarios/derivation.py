@@ -16,14 +16,8 @@ LONGEST = 60  # characters of all changes in a name (a hash stands for the rest)
 def changes(before: Sequence[Module], after: Sequence[Module], began: Mapping[str, Any]) -> list[str]:
     """Return in words and by name what is different: "without boxes", "with swamp", "melee_damage=20".
 
-    Args:
-        before: Mechanics of a scenario.
-        after: Mechanics of one that was derived from it.
-        began: The numbers of the first scenario of all, which decide what follows what; see `following`.
-
-    Returns:
-        The changes, including numbers of new mechanics that differ from their defaults. Numbers that only follow others
-        are left out.
+    That includes numbers of new mechanics that differ from their defaults, but not those that only follow others.
+    began: The numbers of the first scenario of all, which decide what follows what; see `following`.
     """
     there, here = ({module.slot(): type(module) for module in modules} for modules in (before, after))
     new = [module for module in after if there.get(module.slot()) is not type(module)]
@@ -43,9 +37,9 @@ def in_full(name: str) -> str:
 
 
 def by_full_name(find: Callable[[str], tuple[str, str]], given: Sequence[tuple[str, Any]]) -> dict[str, Any]:
-    """Return values that are given by names in any form by the numbers' full names ("agents_count").
+    """Return values by the numbers' full names ("agents_count"). find: Scenario.find_number.
 
-    find: Scenario.find_number. Raises NumberError if a number is unknown or given twice, such as by two of its names.
+    Raises NumberError if a number is unknown or given twice, such as by two of its names.
     """
     found = dict[str, Any]()
     for name, value in given:
@@ -94,10 +88,7 @@ def titles(origin: Any, made: Any) -> tuple[str, str]:
 
 
 def differing(origin: Any, made: Any, short: bool) -> list[str]:
-    """Return the changes of a derived scenario, including what differs from world to world and from agent to agent.
-
-    short: Whether to write changes for a name, "n_agents=2..6", rather than as typed, "n_agents=integers(2, 6)".
-    """
+    """Return the changes of a derived scenario, as typed or, if `short`, for a name: "n_agents=2..6"."""
     changed = changes(origin.modules, made.modules, origin.root.numbers())
     changed += [f"ordered {' '.join(chain)}" for chain in made.order if chain not in origin.order]
     # other changes of drawn numbers have no effect, so they are not mentioned
@@ -182,8 +173,7 @@ def following(
         given: New numbers by full name.
         added: For mechanics that were added later: by full name, the number and the one that it follows, at that time.
 
-    Returns:
-        By full name, the number that it follows, and its new value.
+    Returns by full name the number that it follows, and its new value.
     """
     now, values = numbers(modules), dict(given)
     found, known = dict[str, tuple[str, Any]](), 0

@@ -12,9 +12,8 @@ from outlast.ecs.checks.code_hash import PYTHON, code_digest, full_name
 from outlast.ecs.kernels.frozen_values import is_outside
 
 from ..errors import ScenarioError
-from .mechanics import rebuilt_mechanics
 from .scenario import Scenario
-from .scenario_json import plain, restored
+from .scenario_json import plain, rebuilt_mechanics, restored
 
 LARGEST = 2**22  # bytes of the state of one world at most
 LONGEST = 200  # characters of a name or another word at most
@@ -31,9 +30,8 @@ def fingerprint(scenario: Scenario) -> dict[str, Any]:
     """Return a scenario's name and numbers as JSON. The name lacks characters that cannot be shown in a line.
 
     For a derived scenario it is the name of its root, and the "label" is its own. If there is any, the fingerprint also
-    has "order", the chains of `Scenario.ordered`; "code", which identifies mechanics that are not outlast's own: by
-    name, the full name of the class, the version of Python and the hash of its code (see code_hash); and the entries of
-    `scenario_json.plain`.
+    has "order", the chains of `Scenario.ordered`; "code", for mechanics that are not outlast's own: by name, the full
+    name of the class, the version of Python and the hash of its code; and the entries of `scenario_json.plain`.
     """
     numbers: dict[str, Any] = json.loads(json.dumps(scenario.numbers()))
     name, label = (
@@ -100,7 +98,6 @@ def _differences(given: dict[str, Any], own: dict[str, Any]) -> Iterator[str]:
 
 
 def _code_differences(name: str, its: list[str] | None, mine: list[str] | None) -> Iterator[str]:
-    """Yield in words what differs between the code of a user's mechanic there and here."""
     if its is None or mine is None:
         where, other, (kind, *_) = ("here", "there", mine or [""]) if its is None else ("there", "here", its)
         yield f"{where} the mechanic {name} is {kind}; {other}, nothing is known of its code"
@@ -118,12 +115,7 @@ def classes(scenario: Scenario) -> list[str]:
 
 
 def rebuilt(fingerprint: dict[str, Any], names: list[str], strict: bool = True) -> Scenario:
-    """Make the scenario of a fingerprint and the full names of its classes.
-
-    Raises:
-        ScenarioError: The scenario does not exist here.
-        NumberError: A value is not allowed.
-    """
+    """Make the scenario of a fingerprint and the full names of its classes. Raises ScenarioError, NumberError."""
     modules = rebuilt_mechanics(sorted(names), fingerprint["numbers"], strict)
     name = str(fingerprint.get("label") or fingerprint["name"])
     try:

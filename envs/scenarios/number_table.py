@@ -11,21 +11,12 @@ from .scenario import Scenario
 
 
 class NumberRow(NamedTuple):
-    """A number of a mechanic, in words.
+    """A number of a mechanic, in words; "" for what is not declared."""
 
-    Attributes:
-        name: Its name, as for `Scenario.replace`.
-        value: Its value in the scenario; if worlds or agents differ in it, what it is drawn from, and by which role.
-        default: Its default in the mechanic.
-        allowed: Its range, or its choices.
-        unit: Its unit in words; "" if it has none, or none is declared.
-        about: Description; "" if its declaration has none.
-    """
-
-    name: str
-    value: str
-    default: str
-    allowed: str
+    name: str  # as for `Scenario.replace`
+    value: str  # in the scenario; if worlds or agents differ in it, what it is drawn from, or by role
+    default: str  # in the mechanic
+    allowed: str  # range, or choices
     unit: str
     about: str
 

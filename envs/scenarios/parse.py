@@ -1,28 +1,41 @@
-"""Scenarios, mechanics, distributions and roles from what users type. This may import code: never use it for files."""
+"""Scenarios, mechanics, distributions and roles from what users type. This may import code: never use it for files.
+
+Scenarios and mechanics may be in files and modules, "mygame.py:arena", "package.module:Swamp"; scenarios also in
+installed packages, as entry points of the group `outlast.scenarios`, NAME = "package.module:scenario".
+"""
 
 import ast
 import dataclasses
 import difflib
 import functools
+import importlib
+import importlib.util
 import inspect
+import logging
 import os
 import re
+import sys
+import traceback
 from collections.abc import Callable, Collection, Iterable, Mapping
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
+from types import ModuleType
 from typing import Any, ParamSpec, TypeVar
 
 from outlast.ecs import Distribution, Module, NumberError
 from outlast.ecs.kernels.errors import did_you_mean
+from outlast.ecs.kernels.frozen_values import LIBRARIES
 
 from ..errors import KeywordError, ScenarioError
 from ..storage import inputs
 from ..storage.inputs import read_text
-from .imports import installed, mechanic_in, scenario_in, scenario_of_package
-from .mechanics import imported
 from .scenario import Scenario
-from .scenario_json import distribution_of, roles_of
+from .scenario_json import distribution_of, imported, roles_of
 from .variants import ALIASES, VARIANTS, ablated, variant
 
+LOGGER = logging.getLogger("outlast")
+GROUP = "outlast.scenarios"
+NOT_THEIRS = {*LIBRARIES, "outlast"}  # packages in whose code a user's mistake cannot be
 Params = ParamSpec("Params")
 Result = TypeVar("Result")
 NAME = re.compile(r"(?P<place>.+\.(py|json)|[^:+]*)(:(?P<name>[^:+]*))?(?P<ablations>(\+[^:+]*)*)")
@@ -99,10 +112,8 @@ def resolve(
 
     options: Names of the function's own keywords, so that the error for "thread" asks "did you mean threads?".
 
-    Raises:
-        ScenarioError: `scenario` is unknown, or neither a name nor a Scenario.
-        KeywordError: The scenario does not have one of the numbers.
-        NumberError: A value is out of its range.
+    Raises ScenarioError for what is neither a Scenario nor the name of one, KeywordError for a number that it does not
+    have, and NumberError for a value out of its range.
     """
     if isinstance(scenario, str):
         scenario = named(scenario)
@@ -121,14 +132,9 @@ def resolve(
 def mechanic(text: str) -> tuple[Module, list[str]]:
     """Return a mechanic that a user names, and the full names of the numbers that the text gives it.
 
-    Args:
-        text: "DropLast" or "DropLast(offset=2.0)": one of outlast's mechanics, or of those imported already;
-            "FILE.py:Swamp(drag=0.3)" or "package.module:Swamp": one from a file or module, which is imported. Numbers
-            are literals: nothing is evaluated.
-
-    Raises:
-        ScenarioError: The mechanic or its number is unknown.
-        NumberError: A number is out of its range.
+    text: "DropLast" or "DropLast(offset=2.0)": one of outlast's mechanics, or of those imported already;
+    "FILE.py:Swamp(drag=0.3)" or "package.module:Swamp": one from a file or module, which is imported. Numbers are
+    literals: nothing is evaluated. Raises ScenarioError; NumberError for a number out of its range.
     """
     match = MECHANIC.fullmatch(text.strip())
     if match is None:
@@ -140,15 +146,10 @@ def mechanic(text: str) -> tuple[Module, list[str]]:
 
 
 def distribution(text: str) -> Distribution:
-    """Return the distribution that a user names.
+    """Return the distribution that a user names: "uniform(5, 20)", "integers(2, 8)", "choice(1, 2, 3)" ...
 
-    Args:
-        text: "uniform(5, 20)", "log_uniform(0.1, 10)", "integers(2, 8)" or "choice(1, 2, 3)". Values are literals or
-            words without quotes (true and false are booleans); nothing is evaluated.
-
-    Raises:
-        ScenarioError: The text is something else.
-        NumberError: Nothing can be drawn from the values.
+    Values are literals or words without quotes (true and false are booleans); nothing is evaluated. Raises
+    ScenarioError for another text; NumberError if nothing can be drawn from the values.
     """
     try:
         call = ast.parse(text.strip(), mode="eval").body
@@ -166,9 +167,7 @@ def distribution(text: str) -> Distribution:
 def with_roles(scenario: Scenario, path: str | os.PathLike[str]) -> Scenario:
     """Return the scenario with the roles in a file, which has the form ROLES; see scenario_json.plain_roles.
 
-    Raises:
-        ScenarioError: The file cannot be read, or is something else.
-        NumberError: The roles are not possible in this scenario.
+    Raises ScenarioError for a file that cannot be read or is something else; NumberError for roles that do not fit.
     """
     name = os.fspath(path)
     try:
@@ -233,3 +232,164 @@ def typed(text: str, now: Any) -> Any:
     except ValueError:
         return text
     return int(value) if isinstance(now, int) and value.is_integer() else value  # 1e3 is an integer, too
+
+
+def module_of(place: str) -> ModuleType:
+    """Import what a user names: a module, or a file as a module; ScenarioError if that is not possible.
+
+    As for a script, the file's folder is added to `sys.path`. So the file can import its neighbours, other processes
+    can load pickles of its mechanics, and a file that is named twice is imported only once. A file within a package is
+    imported as a module of that package.
+    """
+    return _import_file(place) if place.endswith(".py") else _import_module(place)
+
+
+def scenario_in(place: str, name: str, offered: str = "") -> Scenario:
+    """Return a scenario in a file or module, which is imported. Raises ScenarioError as `module_of`, or if unknown.
+
+    name: That of a Scenario there, or of a function without arguments that returns one. "": the only Scenario.
+    offered: How a scenario without a name of its own is called; "": by its name there.
+    """
+    module = module_of(place)
+    own = {key: value for key, value in vars(module).items() if isinstance(value, Scenario)}
+    if not name:
+        if len(set(map(id, own.values()))) != 1:
+            cure = f"name one, as in {place}:{next(iter(own))}" if own else _how_to_hold_one(module, place)
+            raise ScenarioError(f"{place} holds {', '.join(own) if own else 'no Scenario'}: {cure}")
+        name = next(iter(own))
+    found = member_of(module, name, place, own)
+    if callable(found):
+        found = _guarded(f"{place}:{name}", found)
+    if not isinstance(found, Scenario):
+        raise ScenarioError(
+            f"{place}:{name} is {type(found).__name__} {found!r:.60}: a Scenario is needed, or a function without "
+            "arguments that returns one"
+        )
+    return found.known_as(offered or name)
+
+
+def _how_to_hold_one(module: ModuleType, place: str) -> str:
+    """Return the cure for a module without a scenario, with the first of its own mechanics."""
+    kinds = [each for each in vars(module).values() if isinstance(each, type) and each.__module__ == module.__name__]
+    added = next((f".with_({each.__name__}())" for each in kinds if issubclass(each, Module)), "")
+    return f'add one, as in GAME = outlast.variant("ffa_1"){added}, or name what makes one, {place}:FUNCTION'
+
+
+def mechanic_in(place: str, name: str) -> type[Module]:
+    """Return the class of a mechanic in a file or module, which is imported. Raises ScenarioError as `scenario_in`."""
+    module = module_of(place)
+    own = {key: value for key, value in vars(module).items() if isinstance(value, type) and issubclass(value, Module)}
+    found = member_of(module, name, place, own)
+    if name not in own:
+        raise ScenarioError(f"{place}:{name} is {type(found).__name__} {found!r:.60}: a class of mechanics is needed")
+    return own[name]
+
+
+def member_of(module: ModuleType, name: str, place: str, wanted: Collection[str]) -> Any:
+    """Return the member of that name of a module, which the user called `place`.
+
+    Raises a ScenarioError that lists the names in `wanted` if it does not exist.
+    """
+    if not hasattr(module, name):
+        own = [key for key, value in vars(module).items() if getattr(value, "__module__", None) == module.__name__]
+        hint = did_you_mean(name, [*wanted, *own], after=" ")
+        raise ScenarioError(f"{place} has no '{name}'; {hint}known: {', '.join(wanted) or 'none'}")
+    return getattr(module, name)
+
+
+def _import_module(name: str) -> ModuleType:
+    try:
+        found = importlib.util.find_spec(name) if all(name.split(".")) else None
+    except ModuleNotFoundError:
+        found = None
+    except Exception as error:  # raised by a package around it, which find_spec imports
+        raise _failed(name, error) from error
+    if found is None:
+        file = Path(f"{name.replace('.', '/')}.py")
+        hint = f"; the file is named {file}" if file.is_file() else ""
+        raise ScenarioError(f"there is no module {name}{hint}")
+    return _guarded(name, lambda: importlib.import_module(name))
+
+
+def _import_file(text: str) -> ModuleType:
+    path = Path(text)
+    if not path.is_file():
+        hint = did_you_mean(path.name, (file.name for file in path.parent.glob("*.py")), before="; ", count=1)
+        raise ScenarioError(f"there is no file {text}{hint}")
+    path = path.resolve()
+    parts, folder = [path.stem], path.parent
+    while (folder / "__init__.py").is_file():
+        parts, folder = [folder.name, *parts], folder.parent
+    name = ".".join(parts)
+    if not all(part.isidentifier() for part in parts):
+        raise ScenarioError(f"{text} cannot be imported: '{name}' is not a name of a module; rename the file")
+    added = str(folder) not in sys.path
+    if added:
+        sys.path.insert(0, str(folder))
+    try:
+        importlib.invalidate_caches()  # the file may have been written just now
+        module = _guarded(text, lambda: importlib.import_module(name))
+        origin = getattr(module, "__file__", None)
+        if origin is None or not path.samefile(origin):
+            raise ScenarioError(f"{text} cannot be imported: '{name}' is {origin or 'built into Python'}; rename it")
+    except BaseException:
+        if added:
+            sys.path.remove(str(folder))
+        raise
+    return module
+
+
+def _guarded(shown: str, call: Callable[[], Result]) -> Result:
+    """Call a user's code. If it raises an error, raise ScenarioError with the place and message of that."""
+    try:
+        return call()
+    except (Exception, SystemExit) as error:
+        raise _failed(shown, error) from error
+
+
+def _failed(shown: str, error: BaseException) -> ScenarioError:
+    """Return an error of one line: what the user's code raised, and the last of the user's lines that ran."""
+    if isinstance(error, SyntaxError) and error.filename:
+        return ScenarioError(f"{error.filename}, line {error.lineno}: {type(error).__name__}: {error.msg}")
+    places = [
+        f"{frame.f_code.co_filename}, line {line}"
+        for frame, line in traceback.walk_tb(error.__traceback__)
+        if str(frame.f_globals.get("__name__")).partition(".")[0] not in NOT_THEIRS
+    ]
+    place = places[-1] if places else shown
+    text = " ".join(str(error).split())
+    return ScenarioError(f"{place}: {type(error).__name__}{text and f': {text}'}")
+
+
+@functools.cache  # cached, so that each warning is given once
+def installed() -> dict[str, EntryPoint]:
+    """Return the scenarios of installed packages by name, without importing anything of them.
+
+    A scenario that cannot be used by its name is left out, with a warning that names the package.
+    """
+    found = dict[str, EntryPoint]()
+    for entry in sorted(entry_points(group=GROUP), key=lambda entry: (entry.name, package(entry))):
+        if entry.name in VARIANTS or entry.name in ALIASES:
+            problem = "that is the name of a variant"
+        elif not re.fullmatch(r"[A-Za-z][\w-]*", entry.name):
+            problem = "a name has letters, digits, - and _ only"
+        elif entry.name in found and found[entry.name].value != entry.value:
+            problem = f"{package(found[entry.name])} has one of that name, too"
+        else:
+            found[entry.name] = entry
+            continue
+        LOGGER.warning("the scenario '%s' of the package %s is left out: %s", entry.name, package(entry), problem)
+    return found
+
+
+def package(entry: EntryPoint) -> str:
+    """Return the name of the package that an entry point belongs to."""
+    return entry.dist.name if entry.dist else entry.module
+
+
+def scenario_of_package(entry: EntryPoint) -> Scenario:
+    """Import the scenario of an entry point. Raises a ScenarioError that names the package."""
+    try:
+        return scenario_in(entry.module, entry.attr, entry.name)
+    except ScenarioError as error:
+        raise ScenarioError(f"the scenario '{entry.name}' of the package {package(entry)}: {error}") from error

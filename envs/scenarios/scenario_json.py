@@ -1,47 +1,43 @@
-"""Scenarios as JSON: the form of the files that `Scenario.save` writes.
+"""Scenarios as JSON: the form of the files that `Scenario.save` writes; in fingerprints, some of it is the same.
 
-Differences between worlds and between agents have the same form in fingerprints.
+Mechanics have the full names of their classes. Nothing that a file names is imported.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+import dataclasses
+import functools
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
-from outlast.ecs import (
-    Distribution,
-    Module,
-    NumberError,
-    Role,
-    Roles,
-    choice,
-    free,
-    integers,
-    log_uniform,
-    role,
-    uniform,
-)
+from outlast import systems
+from outlast.ecs import Distribution, Module, NumberError, Role, Roles, role
 from outlast.ecs.checks.code_hash import full_name
+from outlast.ecs.declarations import distributions
 from outlast.ecs.declarations.distributions import NAMES
 from outlast.ecs.declarations.roles import LONGEST
 from outlast.ecs.kernels.errors import did_you_mean
 from outlast.ecs.memory.numbers import checked_roles, place
+from outlast.systems import hide_and_seek
 
 from ..errors import ScenarioError
 from ..storage import inputs
 from .derivation import leaders
-from .mechanics import imported_code, rebuilt_mechanics
 
 VERSION = 1
 NEEDED = ("version", "name", "about", "modules", "numbers", "order")
 OPTIONAL = ("origin", "added", "policies", "varied", "observed", "roles")
 MOST = 2.0**128  # numbers are smaller than this
+KNOWN: dict[str, type[Module]] = {
+    full_name(kind): kind
+    for package in (systems, hide_and_seek)
+    for kind in (getattr(package, name) for name in package.__all__)
+}
 
 
 def as_form(scenario: Any) -> dict[str, Any]:
-    """Return the scenario, with mechanics by the full names of their classes.
+    """Return the scenario, with its "origin" and what "added" mechanics began with.
 
-    It includes what the scenario was derived from ("origin"), and what "added" mechanics began with: these determine
-    which numbers follow others, and how derived scenarios are called.
+    These determine which numbers follow others, and how derived scenarios are called.
     """
     form = {
         "version": VERSION,
@@ -63,9 +59,7 @@ def as_form(scenario: Any) -> dict[str, Any]:
 def arguments(form: Mapping[str, Any]) -> dict[str, Any]:
     """Return the arguments for `Scenario` from the result of `as_form`.
 
-    Raises:
-        ScenarioError, NumberError: The scenario is not possible.
-        KeyError, TypeError, AttributeError: It is something else.
+    Raises ScenarioError or NumberError if it is not possible; KeyError, TypeError, AttributeError for anything else.
     """
     inputs.check_version(form, VERSION)
     inputs.check_keys(form, NEEDED, OPTIONAL)
@@ -85,20 +79,16 @@ def arguments(form: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _policy(name: Any) -> Any:
-    """Return the function of that full name. Raises ScenarioError if its module is not imported."""
     if (found := imported_code(name)) is None:
-        raise ScenarioError(
-            f"the policy {name:.200} is not imported, as nothing that a file names is: import it first, as by --import "
-            "FILE.py"
-        )
+        why = "is not imported, as nothing that a file names is: import it first, as by --import FILE.py"
+        raise ScenarioError(f"the policy {name:.200} {why}")
     return found
 
 
 def added(form: Mapping[str, Any], modules: Sequence[Module]) -> dict[str, tuple[Any, Any]]:
     """Return what "added" mechanics began with: by name, a number that follows another one, and that other one.
 
-    Raises:
-        ScenarioError: Such a number does not follow another one, or cannot be scaled.
+    Raises ScenarioError if such a number does not follow another one, or cannot be scaled.
     """
     found, following = {}, leaders(modules)
     for name, pair in form.get("added", {}).items():
@@ -132,12 +122,7 @@ def same_for_all(scenario: Any) -> dict[str, Any]:
 
 
 def restored(modules: Sequence[Module], given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the result of `plain` as arguments for a Scenario of these mechanics.
-
-    Raises:
-        NumberError: A number cannot vary or differ in that way.
-        ScenarioError: A number is observed twice, or does not vary.
-    """
+    """Return the result of `plain` as arguments for a Scenario of these mechanics. NumberError, ScenarioError."""
     varied = {name: distribution_of(*entry) for name, entry in given.get("varied", {}).items()}
     place(list(modules), varied)
     observed = tuple(given.get("observed", ()))
@@ -156,11 +141,9 @@ def plain_distribution(distribution: Distribution) -> list[Any]:
 
 def distribution_of(name: Any, *values: Any) -> Distribution:
     """Return the distribution from the result of `plain_distribution`. NumberError if it is not possible."""
-    makers: dict[str, Callable[..., Distribution]] = {
-        each.__name__: each for each in (uniform, log_uniform, integers, choice, free)
-    }
-    made = makers.get(str(name))
-    if made is None or (made is not choice and len(values) != (1 if made is free else 2)):
+    makers: dict[str, Callable[..., Distribution]] = {each: getattr(distributions, each) for each in NAMES}
+    made, counts = makers.get(str(name)), {"choice": len(values), "free": 1}
+    if made is None or len(values) != counts.get(str(name), 2):
         hint = did_you_mean(name, makers, after=" ", count=1, cutoff=0.75) if made is None else ""
         raise NumberError(
             f"{[name, *values]!r:.80} is not a distribution: {hint}uniform(low, high), log_uniform(low, high), "
@@ -210,4 +193,58 @@ def _role_of(given: Any) -> Role:
         for name, value in given["numbers"].items()
     }
     found = role(given.get("count"), agents=given.get("agents", ()), without=given.get("without", ()))
-    return replace(found, name=given["name"], numbers=tuple(sorted(numbers.items())))
+    return dataclasses.replace(found, name=given["name"], numbers=tuple(sorted(numbers.items())))
+
+
+def foreign(names: Iterable[str]) -> list[str]:
+    """Return the full names among these that are not classes of outlast's own mechanics."""
+    return [name for name in names if name not in KNOWN]
+
+
+def imported() -> dict[str, type[Module]]:
+    """Return all mechanics of this process by full name: outlast's own, and those of the user's that are imported."""
+    found: dict[str, type[Module]] = {}
+    for kind in Module.imported()[1:]:
+        module, before = sys.modules.get(kind.__module__), found.get(full_name(kind))
+        if module is not None and (before is None or getattr(module, kind.__name__, None) is not before):
+            # if a file was imported several times: the class that is in the module now, or else the last one
+            found[full_name(kind)] = kind
+    return found | KNOWN
+
+
+def imported_code(name: str) -> Any:
+    """Return the function or class of that full name, if its module is imported; else None. Nothing is imported."""
+    parts = name.split(".")
+    for k in range(len(parts) - 1, 0, -1):
+        found: Any = sys.modules.get(".".join(parts[:k]))
+        if found is not None:
+            return functools.reduce(lambda within, part: getattr(within, part, None), parts[k:], found)
+    return None
+
+
+def rebuilt_mechanics(names: Iterable[str], numbers: Mapping[str, Any], strict: bool = True) -> tuple[Module, ...]:
+    """Make mechanics of these classes, which this process must have imported, with these numbers by full name.
+
+    strict: Whether exactly these numbers must exist. If not, missing numbers get their defaults, and unknown ones,
+    which other versions of outlast may have, are ignored. Raises ScenarioError; NumberError for a value.
+    """
+    left, made, known = dict(numbers), [], imported()
+    for name in names:
+        if name not in known and name.startswith("__main__."):
+            raise ScenarioError(
+                f"the mechanic {name.removeprefix('__main__.')} was defined by the script or notebook that saved this; "
+                "define it in a file of its own, import it from there, and save again"
+            )
+        if name not in known:
+            raise ScenarioError(
+                f"the mechanic {name} is not one of outlast's own, and what a file names is not imported: import it "
+                "first, or name what has it, as in --import FILE.py or scenario=..."
+            )
+        kind = known[name]
+        own = {item.name: f"{kind.name}_{item.name}" for item in dataclasses.fields(kind)}
+        if strict and (missing := [full for full in own.values() if full not in left]):
+            raise ScenarioError(f"the number {missing[0]} is missing; was it made by another version of outlast?")
+        made.append(kind(**{item: left.pop(full) for item, full in own.items() if full in left}))
+    if strict and left:
+        raise ScenarioError(f"unknown number {next(iter(left))}; was it made by another version of outlast?")
+    return tuple(made)

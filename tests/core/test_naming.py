@@ -13,7 +13,7 @@ import pytest
 
 from outlast.envs.cli.main import main
 from outlast.envs.errors import ScenarioError
-from outlast.envs.scenarios import imports as entry_points
+from outlast.envs.scenarios import parse as entry_points
 from outlast.envs.scenarios.fingerprint import fingerprint
 from outlast.envs.scenarios.parse import named, resolve
 

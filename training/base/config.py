@@ -18,8 +18,8 @@ from outlast.envs.rollout.policies import POLICIES as NAMED
 from outlast.envs.rollout.saved import MASKED, SAVED_AS, cameras_mode, is_saved, policy_file, text_of
 from outlast.envs.scenarios.derivation import as_filename
 from outlast.envs.scenarios.fingerprint import classes, fingerprint
-from outlast.envs.scenarios.mechanics import imported_code
 from outlast.envs.scenarios.scenario import Scenario
+from outlast.envs.scenarios.scenario_json import imported_code
 
 from .errors import TrainingError
 from .policy_file import Header

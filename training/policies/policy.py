@@ -10,7 +10,7 @@ from torch import Tensor, nn
 from torch.autograd.function import once_differentiable
 from torch.nn import functional
 
-from outlast.envs.scenarios.mechanics import imported_code
+from outlast.envs.scenarios.scenario_json import imported_code
 
 from ..base.config import name_of
 from ..base.errors import TrainingError
