@@ -2,13 +2,13 @@
 
 A level has values of the numbers that vary in its scenario (see Scenario.vary), which may include the floor plan, and
 the key of its random numbers, from which drawn walls and roles, start places and everything else follow. Environments
-return the levels that they are playing, and accept others for their next episodes: curricula choose among levels,
-searches mutate them, benchmarks keep a list of them in a file.
+return the levels that they are playing, and accept others for their next episodes.
 """
 
+import contextlib
 import json
 import os
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -162,10 +162,7 @@ def encoded(levels: Iterable[Level]) -> list[dict[str, Any]]:
 
 
 def decoded(entries: Iterable[Any]) -> list[Level]:
-    """Return levels out of what `encoded` returned.
-
-    Raises KeyError, TypeError, ValueError or AttributeError for all else.
-    """
+    """Return levels out of what `encoded` returned. KeyError, TypeError, ValueError or AttributeError for all else."""
     return [Level(each["numbers"], each["key"]) for each in entries]
 
 
@@ -176,10 +173,8 @@ def check_all(levels: Any, varied: Mapping[str, Distribution]) -> None:
     for k, level in enumerate(levels):
         if not isinstance(level, Level):
             raise NumberError(f"level {k} is {level!r:.200}: an outlast.levels.Level is needed")
-        try:
+        with _named(k):
             check(level, varied)
-        except NumberError as error:
-            raise NumberError(f"level {k}: {error}") from None
 
 
 def check_free(levels: Sequence[Level], layout: Any) -> None:
@@ -190,10 +185,17 @@ def check_free(levels: Sequence[Level], layout: Any) -> None:
     for k, level in enumerate(levels):
         for name, value in level.numbers.items():
             if (number := layout.varied[name]).distribution.kind == FREE:
-                try:
+                with _named(k):
                     check_taken(number, layout, value)
-                except NumberError as error:
-                    raise NumberError(f"level {k}: {error}") from None
+
+
+@contextlib.contextmanager
+def _named(k: int) -> Iterator[None]:
+    """Put the number of a level before errors."""
+    try:
+        yield
+    except NumberError as error:
+        raise NumberError(f"level {k}: {error}") from None
 
 
 def _check_playable(levels: Any, scenario: Scenario) -> None:

@@ -120,7 +120,7 @@ def film(
     asked = resolve(os.fspath(game) if isinstance(game, os.PathLike) else game, numbers, options_of(film))  # type: ignore[arg-type]
     if worlds is not None and not is_whole(worlds, 1):
         raise FilmError(f"worlds = {worlds!r}: how many to play is needed, 1 or more; numbers are for recordings")
-    count = math.prod(mosaic or (1, 1)) if worlds is None else int(worlds)  # type: ignore[arg-type]
+    count = math.prod(mosaic or (1, 1)) if worlds is None else int(worlds)
     env, act, _ = worlds_of(asked, policy or "scripted", others, count, seed=seed or 0)
     with contextlib.closing(env):
         played = ticks(env, act, STEPS if steps is None else steps)

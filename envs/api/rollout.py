@@ -113,13 +113,8 @@ def rollout(
         KeyboardInterrupt: After Ctrl-C, with the summary so far as its argument; files of events and episodes contain
             everything up to then.
     """
-    for name, count in {
-        "steps": steps,
-        "worlds": worlds,
-        "episodes": episodes,
-        "threads": threads,
-        "seed": seed,
-    }.items():
+    asked = {"steps": steps, "worlds": worlds, "episodes": episodes, "threads": threads, "seed": seed}
+    for name, count in asked.items():
         if count is not None:
             check_count(name, count, 0 if name in ("steps", "seed") else 1)
     if steps and episodes is not None:
@@ -142,8 +137,8 @@ def rollout(
             made = worlds_of(resolve(game, numbers, options_of(rollout)), policy, others, worlds or WORLDS, **settings)
             stack.enter_context(contextlib.closing(made[0]))
         files: dict[str, Any] = {"record": record, "record_policy": record_policy, "events": events, "csv": csv}
-        counts = {"steps": steps, "episodes": episodes or 1}
-        play = stack.enter_context(prepared(*made, keep=keep, watch=watch, **counts, **files))
+        files |= {"steps": steps, "episodes": episodes or 1}
+        play = stack.enter_context(prepared(*made, keep=keep, watch=watch, **files))
         try:
             return play(progress)
         except KeyboardInterrupt as stop:

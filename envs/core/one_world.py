@@ -178,8 +178,12 @@ def _couple(worlds: Worlds, parts: list[type[Component]], w: int, row: int) -> N
             (part, system.name) in computed for p in system.parameters if p.kind == "write" for part in p.components
         ):
             given = {"rows": rows, "none": None}  # none: a table that the game lacks
-            kinds = [(p.kind, p.components[:1]) for p in system.parameters]
-            system.kernel(*(given[kind] if kind in given else _of_world(worlds, *part, w) for kind, part in kinds))
+            system.kernel(
+                *(
+                    given[p.kind] if p.kind in given else _of_world(worlds, p.components[0], w)
+                    for p in system.parameters
+                )
+            )
     if Wall in parts:
         tables = (_of_world(worlds, part, w) for part in (Body, Shape))
         measure(_of_world(worlds, Wall, w), worlds.layout.rows(Wall), make_half_extents(worlds.dims), *tables)

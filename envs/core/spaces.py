@@ -88,10 +88,11 @@ def check_published(worlds: Worlds) -> None:
             taken = key in TAKEN
             why = "is in tables and logs already" if taken else "ends in a digit, which marks sides in these"
             raise DeclarationError(f"{component.__name__}.{name}: the statistic '{key}' {why}; rename it")
-        if not any(system.touches(component, *USES[Observation]) for system in systems):
-            raise _unused(Statistic, component, f".{name}")
     if twice := sorted({name for name in names if names.count(name) > 1}):
         raise DeclarationError(f"two entries of info are called '{twice[0]}'; rename a column of a Statistic")
+    for _, component, name, _ in published(worlds, Statistic):
+        if not any(system.touches(component, *USES[Observation]) for system in systems):
+            raise _unused(Statistic, component, f".{name}")
     for event in filter(is_outside, worlds.layout.events):
         # reading is enough, as the mechanic that emits it may be left out
         if not any(system.touches(event, "read", "write") for system in systems):

@@ -181,8 +181,23 @@ class FloorPlan:
                 f"{self} in a room of {sides}: width and height are needed, as in parts(1.0, room=(25, 25))"
             )
         disc, across, along = (_real("parts", each) for each in (width, *sides))
-        areas: list[Any] = [place for _, *place in self.starts]
-        return parts_of(self.walls, areas, disc, (across, along))
+        step = max(disc / CELLS, max(across, along) / LATTICE)
+        if not (disc > 0 and min(across, along) > 0 and step <= disc / 2):
+            raise ScenarioError(
+                f"parts: a disc of {disc:g} m on a floor of {across:g} x {along:g} m; a diameter from a "
+                f"{LATTICE // 2}th of the floor's longer side on is needed"
+            )
+        columns, rows = math.ceil(across / step), math.ceil(along / step)
+        x, y = np.meshgrid(*(((np.arange(n) + 0.5) / n - 0.5) * side for n, side in ((columns, across), (rows, along))))
+        free = are_free(x, y, (), (across, along), disc / 2)
+        for wall in self.walls:
+            ends = np.array(corners(wall))
+            near = _around(y[:, 0], ends.imag, disc), _around(x[0], ends.real, disc)
+            free[near] &= are_free(x[near], y[near], [wall], (across, along), disc / 2)
+        labels, cell = connected(free), across * along / (columns * rows)
+        inside = [_is_in(place, x, y) for _, *place in self.starts]
+        found = [_part(x, y, labels == n, inside, cell) for n in range(1, int(labels.max(initial=0)) + 1)]
+        return sorted(found, key=lambda part: -part.area)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "FloorPlan":
@@ -198,7 +213,14 @@ class FloorPlan:
         name = os.fspath(path)
         try:
             text = read_text(path, LARGEST)
-            return _from_json(text) if text.lstrip().startswith("{") else cls.from_text(text)
+            if not text.lstrip().startswith("{"):
+                return cls.from_text(text)
+            given = inputs.parse_json(text)
+            if given.get("format") != FORMAT:
+                raise ScenarioError(f'it lacks "format": "{FORMAT}"')
+            inputs.check_version(given, VERSION)
+            inputs.check_keys(given, KEYS)
+            return cls(given["walls"], given["starts"], given["width"], given["height"])
         # UnicodeDecodeError and JSONDecodeError are ValueErrors
         except (ScenarioError, *inputs.BROKEN_JSON) as error:
             raise ScenarioError(f"{name} is not a floor plan: {error}") from None
@@ -212,8 +234,7 @@ class FloorPlan:
         Raises:
             OSError: The file cannot be written.
         """
-        starts = [list(each) for each in self.starts]
-        values = (FORMAT, VERSION, self.width, self.height, [list(each) for each in self.walls], starts)
+        values = (FORMAT, VERSION, self.width, self.height, self.walls, self.starts)
         with atomic_write(Path(path)) as place:
             place.write_text(json.dumps(dict(zip(KEYS, values, strict=True)), indent=1) + "\n", encoding="utf-8")
 
@@ -262,8 +283,7 @@ LAYOUT = "maze, rooms, pillars, or a file with a floor plan"
 def named_layout(name: str) -> tuple[Module, ...]:
     """Return the mechanics of a layout: a generator, or those of a floor plan in a file and a room of its size.
 
-    Raises:
-        ScenarioError: The name is neither one of GENERATORS nor a file with a floor plan.
+    Raises ScenarioError if the name is neither one of GENERATORS nor a file with a floor plan.
     """
     if name in GENERATORS:
         return (GENERATORS[name](),)
@@ -273,15 +293,6 @@ def named_layout(name: str) -> tuple[Module, ...]:
         hint = did_you_mean(name, GENERATORS, after=" ")
         raise ScenarioError(f"layout {name}: {error.strerror}; {hint}{LAYOUT} is needed") from None
     return (plan.room(), plan.mechanic()) if plan.width and plan.height else (plan.mechanic(),)
-
-
-def _from_json(text: str) -> FloorPlan:
-    given = inputs.parse_json(text)
-    if given.get("format") != FORMAT:
-        raise ScenarioError(f'it lacks "format": "{FORMAT}"')
-    inputs.check_version(given, VERSION)
-    inputs.check_keys(given, KEYS)
-    return FloorPlan(given["walls"], given["starts"], given["width"], given["height"])
 
 
 def _listed(name: str, given: Any) -> Iterable[Any]:
@@ -322,11 +333,7 @@ def _drawn(text: str, cell: float, signs: Collection[str]) -> tuple[list[tuple[s
 
     signs: The characters that mean something, apart from those of floor. For the rest see FloorPlan.from_text.
     """
-    lines = [line.rstrip() for line in textwrap.dedent(text).splitlines()]
-    while lines and not lines[0]:
-        del lines[0]
-    while lines and not lines[-1]:
-        del lines[-1]
+    lines = "\n".join(line.rstrip() for line in textwrap.dedent(text).splitlines()).strip("\n").splitlines()
     columns, rows = max(map(len, lines), default=0), len(lines)
     if not 0 < columns <= LONGEST_LINE or rows > LONGEST_LINE:
         raise ScenarioError(f"a drawing of {columns} x {rows} characters: 1 to {LONGEST_LINE} either way are needed")
@@ -360,32 +367,6 @@ def _cut_out(grid: list[list[str]], row: int, column: int, sign: str) -> tuple[i
     return wide, high
 
 
-def parts_of(walls: Iterable[Any], starts: Sequence[Any], width: float, room: tuple[float, float]) -> list[Part]:
-    """Return the parts of a floor, the largest first; see FloorPlan.parts.
-
-    walls, starts: Rectangles (x, y, width, height, angle), metres and radians. Raises ScenarioError if width or room is
-    0, or lattice points would be farther apart than the disc's radius.
-    """
-    step = max(width / CELLS, max(room) / LATTICE)
-    if not (width > 0 and min(room) > 0 and step <= width / 2):
-        raise ScenarioError(
-            f"parts: a disc of {width:g} m on a floor of {room[0]:g} x {room[1]:g} m; a diameter from a "
-            f"{LATTICE // 2}th of the floor's longer side on is needed"
-        )
-    counts = [math.ceil(side / step) for side in room]
-    x, y = np.meshgrid(*(((np.arange(n) + 0.5) / n - 0.5) * side for n, side in zip(counts, room, strict=True)))
-    cell = room[0] * room[1] / math.prod(counts)
-    free = are_free(x, y, (), room, width / 2)
-    for wall in walls:
-        ends = np.array(corners(wall))
-        near = _around(y[:, 0], ends.imag, width), _around(x[0], ends.real, width)
-        free[near] &= are_free(x[near], y[near], [wall], room, width / 2)
-    labels = connected(free)
-    inside = [_is_in(area, x, y) for area in starts]
-    found = [_part(x, y, labels == n, inside, cell) for n in range(1, int(labels.max(initial=0)) + 1)]
-    return sorted(found, key=lambda part: -part.area)
-
-
 def in_words(parts: Sequence[Part], owners: Sequence[float | str], width: float) -> str:
     """Return a text that a floor has several parts, where they are and who starts there; "" if there is at most one.
 
@@ -408,7 +389,7 @@ def _around(points: Any, ends: Any, margin: float) -> slice:
     return slice(int(first), int(last))
 
 
-def _is_in(area: Rectangle, x: Any, y: Any) -> Any:
+def _is_in(area: Sequence[Any], x: Any, y: Any) -> Any:
     """Return which points are in a rectangle, bool of the shape of x and y."""
     turned = ((x - area[0]) + 1j * (y - area[1])) * np.exp(-1j * area[4])
     return (abs(turned.real) <= area[2] / 2) & (abs(turned.imag) <= area[3] / 2)

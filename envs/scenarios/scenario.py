@@ -346,17 +346,17 @@ class Scenario:
             ScenarioError: The text is something else, or names a mechanic that is not imported.
             NumberError: A number is out of its range.
         """
+
+        def restored(form: dict[str, Any]) -> Scenario:
+            made, origin = cls(**arguments(form)), restored(form["origin"]) if "origin" in form else None
+            return made._made(origin, added(form, made.modules))
+
         try:
-            return cls._from_form(inputs.parse_json(text))
+            return restored(inputs.parse_json(text))
         except (ScenarioError, NumberError):
             raise
         except inputs.BROKEN_JSON as error:
             raise ScenarioError(f"it does not hold a scenario: {type(error).__name__}: {error}") from None
-
-    @classmethod
-    def _from_form(cls, form: dict[str, Any]) -> "Scenario":
-        made, origin = cls(**arguments(form)), cls._from_form(form["origin"]) if "origin" in form else None
-        return made._made(origin, added(form, made.modules))
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write `to_json` to a file, completely or not at all, replacing what was there before.
@@ -380,11 +380,9 @@ class Scenario:
             return cls.from_json(read_text(path))
         except OSError as error:
             raise ScenarioError(f"{name} cannot be read: {error.strerror}") from error
-        except UnicodeDecodeError as error:
-            raise ScenarioError(f"{name} is not a text, and so not a scenario") from error
         except (ScenarioError, NumberError) as error:
             raise type(error)(f"{name}: {error}") from error
-        except ValueError as error:
+        except ValueError as error:  # it is too large, or not a text
             raise ScenarioError(f"{name} is not a scenario: {error}") from error
 
     def __getitem__(self, kind: type[Module] | str) -> Module:
@@ -422,17 +420,14 @@ class Scenario:
 
 
 def _check_mechanics(scenario: str, modules: Iterable[Any]) -> None:
-    """Raise ScenarioError if one is not an instance of a mechanic. scenario: the name that errors begin with."""
+    """Raise ScenarioError, which begins with the scenario's name, if one is not an instance of a mechanic."""
     for module in modules:
         if not isinstance(module, Module):
             raise ScenarioError(f"{scenario}: {module!r} is not a mechanic: pass an instance, as in Melee(damage=20)")
 
 
 def _check_together(scenario: str, modules: Sequence[Module]) -> None:
-    """Raise ScenarioError if two mechanics take one slot, two have a name in common, or a number scales with none.
-
-    scenario: The name that errors begin with.
-    """
+    """Raise ScenarioError if two mechanics take one slot, two have a name in common, or a number scales with none."""
     taken: dict[type, Module] = {}
     owners: dict[str, Module] = {}
     for module in modules:
@@ -450,11 +445,7 @@ def _check_together(scenario: str, modules: Sequence[Module]) -> None:
                 )
             owners[name] = module
     for name, leader in leaders(modules).items():
-        if leader not in owners and leader not in _imported_numbers():
+        known = (f"{kind.name}_{item.name}" for kind in Module.imported() for item in dataclasses.fields(kind))
+        if leader not in owners and leader not in known:
             hint = did_you_mean(leader, owners, before="; ")
             raise ScenarioError(f"{scenario}: {name} scales with '{leader}', which no mechanic has{hint}")
-
-
-def _imported_numbers() -> set[str]:
-    """Return the full names of all numbers of all mechanics that are imported."""
-    return {f"{kind.name}_{item.name}" for kind in Module.imported() for item in dataclasses.fields(kind)}
