@@ -154,13 +154,12 @@ class FilmOptions:
 
 def _check(steps: Any, mosaic: Any, views: Any) -> None:
     """Raise FilmError before worlds are made if a film is not possible; footage checks the rest."""
+    if mosaic is not None and (not isinstance(mosaic, Sequence) or len(mosaic) != 2):
+        raise FilmError(f"mosaic = {mosaic!r}: rows and columns are needed, as in (2, 3)")
     try:
         check_count("steps", steps, 0)
-        if mosaic is not None:
-            if not isinstance(mosaic, Sequence) or len(mosaic) != 2:
-                raise ValueError(f"mosaic = {mosaic!r}: rows and columns are needed, as in (2, 3)")
-            for name, side in zip(("rows", "columns"), mosaic, strict=True):
-                check_count(f"mosaic, {name}", side, 1)
+        for name, side in zip(("rows", "columns"), mosaic or (), strict=False):
+            check_count(f"mosaic, {name}", side, 1)
     except ValueError as error:
         raise FilmError(str(error)) from None
     if not isinstance(views, str):

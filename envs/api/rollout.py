@@ -130,7 +130,8 @@ def rollout(
                     "it with 'NextStep' or 'SameStep'"
                 )
             check_decided("the environment", UsageError, worlds=worlds, seed=seed, threads=threads, **decided)
-            made = game, *players_in(game, policy, others)
+            entries = _entries(policy, others)
+            made = game, *_playing(game, lineup.loaded([each for each, _ in entries], 0), entries, 0)
         else:
             settings: dict[str, Any] = {"seed": seed or 0, "threads": threads or 1}
             settings |= {"specialize": specialize, "interpret": interpret}
@@ -169,7 +170,7 @@ class RolloutOptions:
 def worlds_of(
     asked: Scenario, policy: Other, others: Others | None, worlds: int, **settings: Any
 ) -> tuple[SurvivalVectorEnv, Policy, Against | None]:
-    """Make worlds in which all policies can play; also return what `players_in` does. settings: of make_vec."""
+    """Make worlds in which all policies can play; also return what `_playing` does. settings: of make_vec."""
     entries = _entries(policy, others)
     names = [each for each, _ in entries]
     fitting, players = lineup.load_policies(names, asked, settings["seed"])
@@ -182,12 +183,6 @@ def worlds_of(
         raise
 
 
-def players_in(env: SurvivalVectorEnv, policy: Other, others: Others | None) -> tuple[Policy, Against | None]:
-    """Return the policy of all agents of these worlds, and the same, if there are others, as it counts who wins."""
-    entries = _entries(policy, others)
-    return _playing(env, lineup.loaded([each for each, _ in entries], 0), entries, 0)
-
-
 def _entries(policy: Other, others: Others | None) -> Entries:
     """Return the policy and the others, with weights. Raises UsageError if any is not valid."""
     entries = [*lineup.checked_entries([(policy, 1)]), *([] if others is None else entries_of(others))]
@@ -198,6 +193,7 @@ def _entries(policy: Other, others: Others | None) -> Entries:
 def _playing(
     env: SurvivalVectorEnv, players: Sequence[str | Policy], entries: Entries, seed: int
 ) -> tuple[Policy, Against | None]:
+    """Return the policy of all agents of these worlds, and the same, if there are others, as it counts who wins."""
     for player in players:
         if callable(check := getattr(player, "check", None)):
             check(plain(env))

@@ -59,7 +59,10 @@ class ActionSpace:
         self.kind, self.keys = kind, [key for key, *_ in columns]
         self.sizes = np.array([int(column.high - column.low) + 1 for *_, column in columns])
         self._worlds, self.zeros = worlds, np.array([-int(column.low) for *_, column in columns])
-        self._readers = [_readers(worlds, component) for _, component, *_ in columns]
+        self._readers = [  # the mechanics whose running systems read each
+            {system.module for system in worlds.schedule.systems if system.touches(component, "read", "write", "add")}
+            for _, component, *_ in columns
+        ]
         self._masking = [each for each in worlds.modules if isinstance(each, MasksActions)]
         brought = {each.name: [type(part) for part in each.singletons()] for each in worlds.modules}
         self._idle = {name: [part for part in parts if issubclass(part, Idle)] for name, parts in brought.items()}
@@ -210,14 +213,3 @@ def _idle(module: Module, worlds: Worlds, known: Sequence[str]) -> dict[str, Arr
                 f"{shape} here, is needed"
             )
     return found
-
-
-def _readers(worlds: Worlds, action: type[Any]) -> set[str]:
-    """Return the mechanics with running systems that read an action."""
-    kinds = ("read", "write", "add")
-    return {
-        system.module
-        for system in worlds.schedule.systems
-        for parameter in system.parameters
-        if parameter.kind in kinds and action in parameter.components
-    }

@@ -173,16 +173,11 @@ def _couple(worlds: Worlds, parts: list[type[Component]], w: int, row: int) -> N
         body = _of_world(worlds, Body, w)
         face(body, row, body.angle[row])
     computed = {(part, each.computed_by.partition(".")[2]) for part in parts for each in part.coupled}
+    made = {"rows": rows, "none": None}  # none: a table that the game lacks
     for system in worlds.schedule.systems:
-        if any(
-            (part, system.name) in computed for p in system.parameters if p.kind == "write" for part in p.components
-        ):
-            given = {"rows": rows, "none": None}  # none: a table that the game lacks
+        if any(system.touches(part, "write") for part, name in computed if name == system.name):
             system.kernel(
-                *(
-                    given[p.kind] if p.kind in given else _of_world(worlds, p.components[0], w)
-                    for p in system.parameters
-                )
+                *(made[p.kind] if p.kind in made else _of_world(worlds, p.components[0], w) for p in system.parameters)
             )
     if Wall in parts:
         tables = (_of_world(worlds, part, w) for part in (Body, Shape))

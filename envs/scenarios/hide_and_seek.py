@@ -34,15 +34,9 @@ LIDAR = Lidar(rays=30, depth=FLOOR)  # lidar.py: 30 rays all around, range 6
 def hide_and_seek(
     name: str, about: str, *mechanics: Module, hiders: int = 2, seekers: int = 2, ticks: int = TICKS
 ) -> Scenario:
-    """Return a scenario of the game.
+    """Return a scenario of the game, with these mechanics besides, such as walls, or in place of those of their kind.
 
-    Args:
-        name: Its name.
-        about: One line for people.
-        *mechanics: What it has besides, such as walls, or in place of those of their kind.
-        hiders: Agents of side 0.
-        seekers: Agents of side 1.
-        ticks: Length of an episode; the first 40 % are the preparation.
+    hiders, seekers: Agents of side 0, and of side 1. ticks: Length of an episode; the first 40 % are the preparation.
     """
     usual = (
         Agents(count=hiders + seekers, radius=0.2, density=4.0),
@@ -62,10 +56,9 @@ def hide_and_seek(
     )
     slots = {each.slot() for each in mechanics}
     modules = (*(each for each in usual if each.slot() not in slots), *mechanics)
+    # roles are not observed, as teams are
     named = Scenario(name, modules).roles(observed=False, hider=role(count=hiders), seeker=role(count=seekers))
-    return Scenario(
-        name, modules, about, by_role=named.by_role, policies={"scripted": scripted}
-    )  # agents observe teams
+    return Scenario(name, modules, about, by_role=named.by_role, policies={"scripted": scripted})
 
 
 _ROOMS = Rooms(columns=2, rows=2, doors=1.0, door=0.5, thickness=0.1)  # n_rooms=4
