@@ -31,10 +31,7 @@ def install(extra: str) -> str:
 def needed(extra: str, what: str, kind: type[Exception] | None = None) -> Iterator[None]:
     """Raise an error with the cure if a library that is imported inside is missing, or is too old.
 
-    Args:
-        extra: The extra that installs it.
-        what: What needs it, as in "training needs {}"; {} stands for the library's name.
-        kind: The class of the error; None: ModuleNotFoundError.
+    extra: What installs it. what: What needs it, as in "training needs {}", where {} stands for the library's name.
     """
     try:
         yield

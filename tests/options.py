@@ -160,6 +160,8 @@ def main() -> int:
     stale = {path: function for path, function in FUNCTIONS if written(path, function) != path.read_text()}
     if (stub := numbers_stub()) != (STUB.read_text() if STUB.exists() else ""):
         stale[STUB] = STUB.name
+    for kind in (kind for kinds in FLAGS.values() for kind in kinds):
+        assert all(own.text for own in options_of(kind).values()), kind  # its function describes them
     for name in (*POLICIES, *FILM_LAYERS_BY_NAME):
         assert re.search(rf"\b{name}\b", film.film.__doc__ or ""), name
     for name, where in places().items():

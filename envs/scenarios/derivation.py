@@ -169,11 +169,11 @@ def following(
 
     Args:
         modules: The mechanics with their present numbers.
-        origin: All numbers with which the scenario began, by full name.
-        given: New numbers by full name.
-        added: For mechanics that were added later: by full name, the number and the one that it follows, at that time.
+        origin: All numbers with which the scenario began.
+        given: New numbers.
+        added: For mechanics that were added later, the number and the one that it follows, at that time.
 
-    Returns by full name the number that it follows, and its new value.
+    All are by full name. So are the results: the number that it follows, and its new value.
     """
     now, values = numbers(modules), dict(given)
     found, known = dict[str, tuple[str, Any]](), 0

@@ -48,14 +48,10 @@ ROLES = '{"drawn": "never", "roles": [{"name": "hunter", "count": 1, "numbers": 
 def named(text: str) -> Scenario:
     """Return the scenario that a user names; if it has no name of its own, it is called as it is named here.
 
-    Args:
-        text: "teams_2", a variant. "FILE.py:NAME" or "package.module:NAME", a Scenario, or a function without
-            arguments that returns one, in a file or module, which is imported. "FILE.py", the only Scenario in it.
-            "FILE.json", what `Scenario.save` wrote. "NAME", an installed package's scenario. Each may be followed by
-            ablations, as in "teams_2+health_cap".
-
-    Raises:
-        ScenarioError: The scenario is unknown, an ablation does not fit it, or what is imported raises an exception.
+    text: "teams_2", a variant. "FILE.py:NAME" or "package.module:NAME", a Scenario, or a function without arguments
+    that returns one, in a file or module, which is imported. "FILE.py", the only Scenario in it. "FILE.json", what
+    `Scenario.save` wrote. "NAME", an installed package's scenario. Each may be followed by ablations, as in
+    "teams_2+health_cap". Raises ScenarioError.
     """
     match = NAME.fullmatch(text)
     if match is None:
