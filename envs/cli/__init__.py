@@ -1,1 +1,1 @@
-"""The commands of the command line: one file each, with its options (`add`) and what it does (`run`)."""
+"""The command line: files of commands that belong together, each a function with its help; options of several."""
