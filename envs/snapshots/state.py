@@ -25,7 +25,7 @@ import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 
@@ -247,7 +247,8 @@ def _checked(
         values = span.values(block)
         if (bad := (values < span.low) | (values > span.last)).any():
             bad[~started] &= (values != span.values(layout.initial_image[None]))[~started]
-            yield span.name, span.rows, values, bad, f"{span.low} to {span.last} is needed"
+            name = f"{span.place.component.__name__}.{span.place.name}"
+            yield name, span.rows, values, bad, f"{span.low} to {span.last} is needed"
     if Bag in layout.components:
         bag, rows = layout.columns(block, Bag), _rows_with(layout, Bag)
         items, count = bag.items[:, rows], bag.count[:, rows]
@@ -298,23 +299,18 @@ def _check_events(layout: MemoryLayout, counts: Array, given: Array) -> None:
                     raise StateError(f"the state's {event.__name__}.{name} is not between {low} and {high}")
 
 
-@dataclass(frozen=True)
-class _Span:
+class _Span(NamedTuple):
     """A column to check: its place in a world, the rows that count, and the smallest and largest number allowed."""
 
-    name: str
     place: Place
-    dtype: np.dtype[Any]
     rows: slice | Array
     low: int
     last: int
 
     def values(self, block: Array) -> Array:
         """Return the values of the column in blocks of worlds, uint8 (worlds, bytes): (worlds, rows, ...)."""
-        inner = np.empty(self.place.shape, self.dtype).strides
-        shape = (len(block), *self.place.shape)
-        column: Array = np.ndarray(shape, self.dtype, block, self.place.offset, (block.strides[0], *inner))
-        return column[:, self.rows]
+        column = self.place.view(block)
+        return (column.view(np.uint8) if column.dtype == bool else column)[:, self.rows]
 
 
 @functools.lru_cache(maxsize=16)
@@ -322,9 +318,8 @@ def _spans(layout: MemoryLayout) -> tuple[_Span, ...]:
     """Return the columns to check in worlds of that layout; cached, as a search restores single worlds very often."""
     found = []
     for place in layout.places:
-        kind, dtype = place.component, np.dtype("u1") if place.dtype == bool else place.dtype
-        if place.offset >= 0 and (ends := kind.columns[place.name].range(layout.dims)):
-            found.append(_Span(f"{kind.__name__}.{place.name}", place, dtype, _rows_with(layout, kind), *ends))
+        if place.offset >= 0 and (ends := place.component.columns[place.name].range(layout.dims)):
+            found.append(_Span(place, _rows_with(layout, place.component), *ends))
     return tuple(found)
 
 
