@@ -160,8 +160,7 @@ class Pairing:
     def estimates(self, role: int, side: int | None = None) -> Estimates:
         """Return estimates for the policy in that role. NaN for quantities without a measurement.
 
-        side: From the episodes in which it plays that side only; against itself, these are all. None: from
-        all episodes, in half of which it plays another side.
+        side: From the episodes in which it plays that side only; against itself, these are all. None: from all.
         """
         figures = self.results.figures
         if side is None:
@@ -181,8 +180,7 @@ class Pairing:
 def ratio(pairs: Array) -> tuple[float, float]:
     """Return the sum of all sums over the sum of all counts, and its standard error to first order.
 
-    pairs: float64 (episodes, 2), sums and counts; if all counts are 1, this is a mean and its error. Both are NaN if
-    all counts are 0; the error also if all but one are.
+    pairs: float64 (episodes, 2), sums and counts. Both are NaN if all counts are 0; the error also if all but one are.
     """
     total, count = pairs.sum(0)
     there = np.count_nonzero(pairs[:, 1])

@@ -30,8 +30,7 @@ FORM = {"version": PROTOCOL, "games": [GAMES | dict.fromkeys(NUMBERS, is_count)]
 def add(folder: Path, name: str, recordings: Sequence[Path]) -> list[Content]:
     """Add the games in recordings to the file of people in a folder, and return all games in it.
 
-    name: Of the person, or of a group. Raises TrainingError: a recording is not of a task, or is there already, or its
-    opponent is not in the suite. Raises RecordingError: it cannot be replayed.
+    name: Of the person, or of a group. Raises TrainingError, or RecordingError if one cannot be replayed.
     """
     if not is_name(name):
         raise TrainingError(f"{name!r} must consist of letters, digits and . _ - +")

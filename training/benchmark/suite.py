@@ -131,8 +131,7 @@ def make(
 ) -> Path:
     """Rate checkpoints and styles by a round robin, and write TASK.safetensors, the file of the suite, into a folder.
 
-    Returns its path. Raises TrainingError: a file is not a checkpoint, or is named twice; presets differ; the folder
-    cannot be written. progress: Called with the number of matches done, and that of all matches.
+    Returns its path. progress: Called with the numbers of matches done and of all matches. Raises TrainingError.
     """
     labels([str(source.resolve()) for source in sources])  # none twice
     anchors = list[Anchor]()

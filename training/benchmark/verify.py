@@ -54,8 +54,7 @@ UNCOMPARED = f"{FOREIGN}, so its choices were not compared"
 def pack(folder: Path, path: Path, small: bool = False) -> int:
     """Write the results in a folder to an archive, and return its bytes. Raises TrainingError.
 
-    small: Whether to leave out candidates, best responses, the actions of functions, and of all seeds but the first
-    also policies and matches. Then most matches cannot be verified.
+    small: Whether to leave out candidates, best responses, actions of functions, and files of seeds but the first.
     """
     own = manifest.read(folder)
     names = [manifest.NAME, *([scores.NAME] if (folder / scores.NAME).exists() else [])]
@@ -144,8 +143,7 @@ class _Missing(UsageError):
 def verify(folder: Path, at_once: int = 1, only: str = "") -> Iterator[Verification]:
     """Verify the results in a folder, and yield the findings: of matches, and then of their entries; and of scores.
 
-    at_once: Number of processes. only: See `entries_of`. Raises TrainingError: the manifest cannot be read, or belongs
-    to other games.
+    at_once: Number of processes. only: See `entries_of`. Raises TrainingError for a manifest of other games, or none.
     """
     made = manifest.read(folder)
     entries = entries_of(made, only)

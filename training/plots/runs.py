@@ -205,11 +205,7 @@ def _check_plan(origin: Path, plan: Any) -> None:
 
 
 def _played(scenario: dict[str, Any]) -> dict[str, Any]:
-    """Return everything in a fingerprint except names.
-
-    These are numbers, or their distributions; roles, observations, the order of systems, and the code of the user's
-    mechanics, by the first digits of its hash.
-    """
+    """Return everything in a fingerprint except names; the code of the user's mechanics by digits of its hash."""
     drawn = {name: f"{kind}({', '.join(map(shown, of))})" for name, (kind, *of) in scenario.get("varied", {}).items()}
     roles, order, code = (scenario.get(key, {}) for key in ("roles", "order", "code"))
     more = {"roles drawn": roles["drawn"]} if roles else {}

@@ -89,7 +89,7 @@ class EndRow:
 
     @property
     def verdict(self) -> str:
-        """Whether the end values agree: "yes", "no", "too early"; "" if unchecked."""
+        """The agreement of the end values: "yes", "no", "too early"; "" if unchecked."""
         if self.apart is None or self.group.ablated:
             return ""
         if len(self.group.unfinished) == len(self.group.runs):
@@ -198,8 +198,7 @@ def report(groups: Sequence[PaperGroup], beside: Sequence[PaperGroup] = ()) -> s
 def figures_and_tables(groups: Sequence[PaperGroup], form: str, beside: Sequence[PaperGroup] = ()) -> dict[str, bytes]:
     """Return the contents of all files, by name: the figures, the tables in Markdown, and the end values as CSV.
 
-    form: Format of the figures: "png" or "svg". beside: Runs with other presets, for comparison in the table of all
-    presets. Raises TrainingError: matplotlib is missing.
+    beside: Runs with other presets, for the table of all presets. Raises TrainingError: matplotlib is missing.
     """
     with needed("plot", "figures need {}", TrainingError):
         from .figures import picture

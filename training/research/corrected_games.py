@@ -44,8 +44,7 @@ Row = dict[str, str]  # the cells of COLUMNS
 def measured(game: Scenario, run: Path) -> Row:
     """Return the measurements of a run, from its folder or, if its policy is newer, from games that are played now.
 
-    game: The game of its training. run: The folder of the run; its past is the checkpoint after half of its steps.
-    Raises TrainingError: the run has a single checkpoint.
+    Its past is the checkpoint after half of its steps. Raises TrainingError: it has a single checkpoint.
     """
     saved = checkpoints(run)
     if len(saved) < 2:

@@ -141,11 +141,9 @@ def rows(name: str, cells: Cells) -> list[tuple[Any, ...]]:
 
 
 def changes(cells: Cells, of: int) -> tuple[int, int, int]:
-    """Count how often a later checkpoint of one side is seen more than an earlier one, by the same checkpoint.
+    """Compare the ticks seen of later and earlier checkpoints of a side, HIDERS or SEEKERS, against the same one.
 
     Returns how often more, and how often less, by more than CERTAIN standard errors; and the number of comparisons.
-
-    of: The side whose checkpoints are compared: HIDERS or SEEKERS.
     """
     steps, apart = sorted({pair[of] for pair in cells}), list[float]()
     for other, (early, late) in itertools.product(steps, itertools.combinations(steps, 2)):

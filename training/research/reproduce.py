@@ -31,15 +31,15 @@ from ..plots.plot import plot
 from ..plots.runs import kept_runs
 from ..policies.player import weights_of
 from ..runs.child_runs import ChildRun, side_by_side
-from . import corrected_games as mended
+from . import corrected_games
 from .compare import figures_and_tables
 from .results import PAPER_STEPS, curves_to_keep, group_runs, load_runs
 
-ORIGINAL, MENDED = "original", "mended"  # parts: the one that others are compared with; corrected games
+ORIGINAL, CORRECTED = "original", "mended"  # parts: the one that others are compared with; corrected games
 PARTS = {
     ORIGINAL: "the eight variants, with the authors' networks and numbers",
     "text": "the same by the method of the paper's text (presets paper and scaled)",
-    MENDED: "games without the paper's flaws, against a pool of opponents",
+    CORRECTED: "games without the paper's flaws, against a pool of opponents",
 }
 FEW_WORLDS = ("--worlds", "4")  # with many, the paper's observations do not recur (docs/paper.md)
 MANY_WORLDS = ("ffa_2", "ffa_3")  # exceptions: with 64, these end as in the paper; ffa_1 and ffa_4 do not
@@ -92,12 +92,12 @@ class Experiment:
     @property
     def steps(self) -> int:
         """Agent-steps of a run."""
-        return MENDED_STEPS if self.part == MENDED else PAPER_STEPS
+        return MENDED_STEPS if self.part == CORRECTED else PAPER_STEPS
 
     @property
     def seeds(self) -> int:
         """Return the default number of runs."""
-        return 2 if self.part == MENDED else 3
+        return 2 if self.part == CORRECTED else 3
 
     def words(self, seed: int) -> list[str]:
         """Return arguments and options of `outlast train` for a run."""
@@ -111,7 +111,7 @@ class Experiment:
 
     def kept_policy(self, out: Path, run: Path) -> Path:
         """Return the file in which the policy of a run is kept."""
-        kind, seed = KEPT_AS if self.part == MENDED else self.preset, run.name.rpartition("-")[2]
+        kind, seed = KEPT_AS if self.part == CORRECTED else self.preset, run.name.rpartition("-")[2]
         return out / "policies" / self.name / f"{kind}-{seed}{policy_file.SUFFIX}"
 
     def results(self, out: Path) -> list[Path]:
@@ -148,9 +148,9 @@ def experiments(parts: Iterable[str]) -> list[Experiment]:
     ]
     for game, together in TOGETHER.items():
         corrected = (f"{game}+{names}" for names in (*SINGLE.get(game, ()), *together))
-        every += [Experiment(MENDED, name, "fast", POOL) for name in (game, *corrected)]
+        every += [Experiment(CORRECTED, name, "fast", POOL) for name in (game, *corrected)]
     for game, numbers in TO_HEAL_MATES:
-        every.append(Experiment(MENDED, f"{game}+{TOGETHER[game][0]}", "fast", POOL, numbers))
+        every.append(Experiment(CORRECTED, f"{game}+{TOGETHER[game][0]}", "fast", POOL, numbers))
     wanted = set(parts)
     return [each for each in every if each.part in wanted]
 
@@ -265,19 +265,19 @@ def write_part(part: str, chosen: Sequence[Experiment], out: Path, progress: Cou
     chosen: The experiments to film. progress: Called with 1 after each long task.
     """
     there = [each for each in experiments([part]) if each.results(out)]
-    if part == MENDED:
+    if part == CORRECTED:
         known, runs = (
-            mended.read_measured(out / part / mended.FILE),
+            corrected_games.read_measured(out / part / corrected_games.FILE),
             {run for each in there for run in each.results(out)},
         )
-        old = {run for run in runs if ((run / mended.FILE).exists() if run.is_dir() else run.name in known)}
+        old = {run for run in runs if ((run / corrected_games.FILE).exists() if run.is_dir() else run.name in known)}
         shown = [each for each in there if each in chosen or old.issuperset(each.results(out))]
         yield from _mended(part, shown, out, progress)
     else:
         yield from _beside_the_paper(part, there, out, progress)
     for each in chosen:
         run = each.results(out)[0]
-        name = each.name if part == MENDED else f"{each.name}-{each.preset}"  # corrected games have one preset
+        name = each.name if part == CORRECTED else f"{each.name}-{each.preset}"  # corrected games have one preset
         policy = newest(run) if run.is_dir() else each.kept_policy(out, run)
         yield _film(each.scenario, policy, out / part / f"{name}.webm")
         progress(1)
@@ -298,20 +298,22 @@ def _beside_the_paper(part: str, there: Sequence[Experiment], out: Path, progres
 def _mended(part: str, there: Sequence[Experiment], out: Path, progress: Counter) -> Iterator[Path]:
     """Yield kept policies, curves and measurements; a table, and a figure for each variant."""
     study = out / part
-    curves, measured = kept_runs(study), mended.read_measured(study / mended.FILE)
+    curves, measured = kept_runs(study), corrected_games.read_measured(study / corrected_games.FILE)
     for each in there:
         for run in each.results(out):
             if run.is_dir():
-                measured[run.name] = mended.measured(each.scenario, run)
+                measured[run.name] = corrected_games.measured(each.scenario, run)
                 (result,) = load_runs([run])
                 curves[run.name] = result.about, rounded(thinned(result.curves, POINTS), DIGITS)
             elif run.name not in measured:
-                raise TrainingError(f"{study / mended.FILE} does not have {run.name}, and its folder is missing")
+                raise TrainingError(
+                    f"{study / corrected_games.FILE} does not have {run.name}, and its folder is missing"
+                )
             progress(1)
     kept = {FILE: format_curves(dict(sorted(curves.items())))}
-    kept |= {mended.FILE: mended.format_measured(measured.values())}
+    kept |= {corrected_games.FILE: corrected_games.format_measured(measured.values())}
     shown = {each.name: [measured[run.name] for run in each.results(out)] for each in there}
-    kept |= {"measured.md": (mended.table(shown) + "\n").encode()}
+    kept |= {"measured.md": (corrected_games.table(shown) + "\n").encode()}
     yield from write_files({study / name: content for name, content in kept.items()} | _policies(there, out))
     changed = sorted({pair.partition("=")[0] for each in there for pair in each.numbers})
     runs = dict[str, list[Path]]()
