@@ -302,11 +302,10 @@ class InventoryLayer(Layer):
             return
         bag, step = scene[Bag], SIZES.bag_step * self.half
         for e in scene.living(Body, Shape, Bag):
-            count = bag.count[e]
-            x = scene.body.x[e] - step * (count - 1) / 2
+            x = scene.body.x[e] - step * (bag.count[e] - 1) / 2
             y = scene.body.y[e] - scene.shape.bound[e] - SIZES.bag_below * self.half
-            for k in range(count):
-                draw_item(canvas, scene, bag.items[e][k], x + k * step, y, self.half)
+            for k, item in enumerate(bag.items[e][: bag.count[e]]):
+                draw_item(canvas, scene, item, x + k * step, y, self.half)
 
 
 def draw_item(canvas: Canvas, scene: Scene, item: int, x: float, y: float, half: float) -> None:

@@ -31,8 +31,6 @@ from .canvas import Image, png
 from .rgb import FPS
 
 NUMBERED = re.compile(r"frame_\d{6,}\.png")
-LARGEST, LARGEST_VP8 = 2**14, 2**14 - 2  # pixels: the longest sides that H.264 and VP8 allow
-LOG_ERRORS = 2  # OpenCV's log level
 TO_VIDEO = ("-vf", "scale=out_color_matrix=bt709:out_range=tv", "-pix_fmt", "yuv420p")
 # otherwise players guess the colours
 TAGS = ("-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "bt709")
@@ -41,7 +39,6 @@ VP9 = ("-c:v", "libvpx-vp9", "-b:v", "0", "-crf", "40", *TO_VIDEO, *TAGS)  # sma
 LOSSLESS = ("-c:v", "libx264rgb", "-crf", "0", "-preset", "ultrafast")
 PALETTE = "[0:v]palettegen[colors];[1:v][colors]paletteuse=dither=none:diff_mode=rectangle"
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
-COMPRESSION = 6  # level of zlib's compression in .apng
 
 
 @dataclass(frozen=True)
@@ -50,7 +47,7 @@ class Codec:
 
     read(path): the shapes of the frames that the file holds, () for one that cannot be read. even: sides are padded to
     even numbers of pixels. extra: it needs the optional library imageio-ffmpeg. fastest: frames a second, at most.
-    largest: pixels, sides at most.
+    largest: pixels, sides at most, as H.264 and VP8 allow.
     """
 
     write: Callable[[Path, Iterator[Image], int], None]
@@ -58,7 +55,7 @@ class Codec:
     even: bool = False
     extra: bool = False
     fastest: int = 1000
-    largest: int = LARGEST
+    largest: int = 2**14
 
 
 def write_film(path: str | os.PathLike[str], frames: Iterable[Image], fps: int = FPS) -> int:
@@ -202,8 +199,8 @@ def _write_webm(path: Path, frames: Iterator[Image], fps: int) -> None:
     first = next(frames)
     with _stderr_muted(), _openable(path) as name:
         writer = cv2.VideoWriter(name, cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*"VP80"), fps, first.shape[1::-1])
-    # no warnings: frames lost to a full disk are found by reading back
-    level = cv2.utils.logging.setLogLevel(LOG_ERRORS)
+    # errors only, no warnings: frames lost to a full disk are found by reading back
+    level = cv2.utils.logging.setLogLevel(2)
     try:
         if not writer.isOpened():
             raise FilmError(f"this OpenCV cannot write VP8: {install('view')} and write .mp4")
@@ -312,7 +309,7 @@ def _changed(before: Image | None, frame: Image) -> tuple[int, int, Image]:
 
 def _pixels(part: Image) -> Iterator[bytes]:
     """Yield the compressed pixels: the contents of the IDAT chunks of the PNG that OpenCV makes of this part."""
-    _, encoded = cv2.imencode(".png", np.ascontiguousarray(part[..., ::-1]), [cv2.IMWRITE_PNG_COMPRESSION, COMPRESSION])
+    _, encoded = cv2.imencode(".png", np.ascontiguousarray(part[..., ::-1]), [cv2.IMWRITE_PNG_COMPRESSION, 6])
     content, at = encoded.tobytes(), len(SIGNATURE)
     while at < len(content):
         length, kind = struct.unpack_from(">I4s", content, at)
@@ -390,7 +387,7 @@ def _ffmpeg(path: Path, *options: str, frames: Iterable[Image] = ()) -> None:
 CODECS = {
     "": Codec(_write_folder, _read_folder),
     ".mp4": Codec(_write_mp4, read_video, even=True, extra=True),
-    ".webm": Codec(_write_webm, read_video, even=True, largest=LARGEST_VP8),
+    ".webm": Codec(_write_webm, read_video, even=True, largest=2**14 - 2),
     ".gif": Codec(_write_gif, read_video, extra=True, fastest=50),  # browsers slow down faster ones
     ".apng": Codec(_write_apng, read_video),
 }

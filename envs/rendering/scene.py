@@ -36,6 +36,7 @@ class Scene:
         self.sides = self._reach()
         self.room = max(self.sides)
         self.half = SIZES.margin * self.room
+        self.looks = _looks(worlds.layout)
         self.shown: set[type[Component]] = set()  # components whose entities the picture's layers draw, see Layer.shows
 
     def __getitem__(self, component: type[Component]) -> Any:
@@ -68,13 +69,6 @@ class Scene:
     def rows(self, *components: type[Component]) -> tuple[int, ...]:
         """Return the rows of all entities with all of these components, in the world or not; agents in order of id."""
         return _rows(self.worlds.layout, components)
-
-    @functools.cached_property
-    def looks(self) -> dict[int, Look]:
-        """The looks that mechanics declare, by row."""
-        declared = [module.looks() for module in self.worlds.layout.modules if isinstance(module, HasLooks)]
-        spans = self.worlds.layout.spans
-        return {e: look for each in declared for kind, look in each.items() for e in spans.get(kind, ())}
 
     def looked_up(self, e: int, what: str) -> float:
         """Return the number in the column that the look of row `e` names, as "tint"; -1 without one."""
@@ -177,6 +171,13 @@ def _sides(corners: list[tuple[float, float]]) -> list[tuple[float, float, float
 @functools.lru_cache(maxsize=256)
 def _rows(layout: MemoryLayout, components: tuple[type[Component], ...]) -> tuple[int, ...]:
     return tuple(layout.rows(*components).tolist())
+
+
+@functools.lru_cache(maxsize=64)
+def _looks(layout: MemoryLayout) -> dict[int, Look]:
+    """Return the looks that mechanics declare, by row."""
+    declared = [module.looks() for module in layout.modules if isinstance(module, HasLooks)]
+    return {e: look for each in declared for kind, look in each.items() for e in layout.spans.get(kind, ())}
 
 
 def walls(scene: Scene, living: bool = True) -> list[int]:

@@ -4,6 +4,7 @@ Colours are those of Okabe and Ito, which are distinct to colour-blind people, o
 share a colour. Source: M. Okabe, K. Ito, "Color Universal Design" (2008).
 """
 
+import functools
 from dataclasses import dataclass
 
 Color = tuple[int, int, int]
@@ -57,6 +58,7 @@ class Sizes:
 SIZES = Sizes()
 
 
+@functools.lru_cache(maxsize=1024)
 def mix(one: Color, other: Color, share: float) -> Color:
     """Mix two colours, from `one` (share 0) to `other` (share 1)."""
     red, green, blue = (round(a + share * (b - a)) for a, b in zip(one, other, strict=True))

@@ -225,8 +225,7 @@ class _Board(NamedTuple):
     """The layout of a scoreboard: agents in columns, in order of their numbers, below a line of teams.
 
     parts: what is shown of each agent, with the place where it begins. width: of a column; both in heights of a digit.
-    rows: how many agents a column has. shown: how many agents there is room for. lines: number of lines: of teams, of
-    agents, and one with the number of agents that are left out.
+    rows, shown: of agents, in a column and in all. lines: of teams, of agents, and of how many are left out.
     """
 
     parts: dict[str, float]
@@ -256,10 +255,7 @@ def _board(scene: Scene, size: int) -> _Board:
 
 
 def _margin_line(canvas: Canvas, scene: Scene, side: int) -> tuple[float, float] | None:
-    """Return y of a line of text above (side 1) or below (-1) the room, and the height of its digits, in metres.
-
-    None if the picture is too small for text.
-    """
+    """Return y of a line above (side 1) or below (-1) the room, and the height of digits, metres; None if too small."""
     margin = scene.half - scene.room
     if not canvas.readable(HEIGHT * margin):
         return None

@@ -33,9 +33,7 @@ from .assets import SHARED, STYLE, assemble
 from .gate import Site, listening
 from .observation_text import observation_text
 from .server import answering
-from .world_json import describe, events, snapshot
-
-Json = dict[str, Any]
+from .world_json import Json, describe, events, snapshot
 
 RECENT = 8  # the newest events, all of which are sent each time, as a page may miss ticks
 SLOW, SLOWLY = 1.5, 0.5  # an episode begins slowly: seconds, and share of the usual speed

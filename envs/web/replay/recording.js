@@ -1,4 +1,4 @@
-// Recording.open reads what pack.py wrote; an episode then gives back the snapshots of trace.py, tick by tick.
+// Recording.open reads what pages.py wrote; an episode then gives back the snapshots of world_json.py, tick by tick.
 const Recording = (() => {
   const { metre: METRE, radian: RADIAN, whole: WHOLE, word: WORD } = PACKING;
   const ARRAYS = { 0: Float32Array, 1: Int8Array, 2: Int16Array, 4: Int32Array };
