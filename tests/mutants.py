@@ -1,13 +1,15 @@
 """Mutation testing of systems/: how many small changes of mechanics do tests find?
 
     python -m tests.mutants [--sample N] [--seed N] [--files GLOB] [--compiled]
-        [--tests TEST ...] [--jobs N]
+        [--coverage FILE] [--tests TEST ...] [--jobs N]
 
 One small change at a time, made by cosmic-ray's operators, is made in a copy of
-the tree, and the tests of the changed file are run, the most relevant first,
-until one fails. A mutant that no test detects survives: either its line is not
-tested, or it is equivalent, such as `<=` for `<` where equality cannot occur.
-The exit status is 1 if less than 85 % of the mutants are killed.
+the tree, and the tests that execute the changed line are run, those that execute
+little else first, until one fails. Which these are is in the data of coverage.py,
+written by the first command for coverage in docs/reliability.md. A mutant that no
+test detects survives: either its line is not tested, or it is equivalent, such as
+`<=` for `<` where equality cannot occur. The exit status is 1 if less than 85 % of
+the mutants are killed.
 
 Kernels run as plain Python, so that nothing is compiled. The native backend of
 Box2D only runs compiled, and is tested with --compiled; LEFT_OUT is left out, as
@@ -16,6 +18,7 @@ test could or should detect: in decorators, annotations, docstrings, f-strings;
 a third replacement of an operator; -1 for 0, where most columns have one entry.
 """
 
+import ast
 import compileall
 import difflib
 import itertools
@@ -35,6 +38,7 @@ from queue import SimpleQueue
 from random import Random
 from typing import Any
 
+from coverage import CoverageData
 from tqdm import tqdm
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -59,38 +63,11 @@ OPERATORS = (
 )
 UNTESTED = {"decorator", "fstring", "import_from", "import_name"}  # types of parso's nodes
 
-# Which tests run first, the fastest ahead; then those of NAIVE. Names are those of tests/*/test_NAME.py.
-NAIVE = "edges observations bodies"
-REFUSED = "bad_input.py::test_scenarios_are_refused"
-FIRST = {
-    name: tests
-    for tests, names in {
-        "edges observations fidelity": "agents",
-        "edges reset fidelity_rules events": "boxes",
-        "edges fidelity crowd": "cameras",
-        "fidelity_items events": "death_drop give_last heals inventory pickup",
-        "drop_last events": "drop_last",
-        "edges vector_ends events": "ending",
-        "fidelity_rules events": "melee",
-        f"ablations fidelity_rules events {REFUSED}": "mortality",
-        f"flight fidelity {REFUSED}": "physics",
-        "observations vector_ends events": "record",
-        "ablations fidelity_rules": "rewards",
-        "reset fidelity": "room",
-        f"reset fidelity_rules events {REFUSED}": "safe_zone",
-        f"reset {REFUSED}": "spawn_grid teams",
-        "ablations": "steering",
-        "culling fidelity": "aabb blocks broad_phase",
-        "bounds": "bounds",
-        "geometry": "points rays",
-        "flight fidelity box2d": "portable batch",
-        "fidelity": "motors transfer",
-    }.items()
-    for name in names.split()
-}
+FOLDERS = "tests/core tests/engine tests/mechanics tests/physics"
+COVERED = f"NUMBA_DISABLE_JIT=1 python -m pytest --cov --cov-context=test --timeout=1200 {FOLDERS}"
+NARROW, FILES = 40, 5  # tests that are tried first, and files that are tried then, those that execute the fewest lines
 NUMBERS = "numbers scenario"  # where a number of a module is declared
 SLOW = ("fidelity_rules.py::test_the_longest_life_without_heals", "scenario.py::test_what_is_left_runs")
-
 
 # ---- mutants
 
@@ -127,6 +104,13 @@ class Mutant:
         except (SyntaxError, ValueError):
             return False
         return self.source != (ROOT / self.file).read_text()
+
+    @property
+    def statement(self) -> range:
+        """The lines of its statement up to its own."""
+        tree = ast.walk(ast.parse((ROOT / self.file).read_text()))
+        around = (node for node in tree if isinstance(node, ast.stmt) and node.lineno <= self.line <= node.end_lineno)
+        return range(max(node.lineno for node in around), self.line + 1)
 
     @property
     def declares(self) -> bool:
@@ -198,15 +182,40 @@ def chosen(globs: Iterable[str], compiled: bool) -> list[str]:
 # ---- their tests
 
 
-def tests_of(mutant: Mutant) -> list[list[str]]:
-    """Arguments for pytest, which is called for each list in turn until a test fails: collecting all takes long."""
-    if mutant.file in COMPILED:
-        first, others = ["box2d"], []
-    else:
-        first = NUMBERS.split() if mutant.declares else FIRST.get(Path(mutant.file).stem, "").split()
-        others = [name for name in NAIVE.split() if name not in first]
-    without = [f"--deselect={path(name)}" for name in SLOW]
-    return [[*map(path, names), *without] for names in (first, others) if names]
+class Coverage:
+    """Which tests execute a line of systems/, by what coverage.py has written."""
+
+    def __init__(self, file: Path) -> None:
+        if not file.is_file():
+            raise SystemExit(f"{file} is missing, which says what each test executes. To write it:\n{COVERED}")
+        data = CoverageData(str(file))
+        data.read()
+        self.lines = dict[str, dict[int, set[str]]]()  # by file and line: the tests that execute it
+        self.breadth, self.breadth_of_files = Counter[str](), Counter[str]()  # executed lines
+        for name in data.measured_files():
+            if Path(name).is_relative_to(ROOT / "systems"):
+                found = data.contexts_by_lineno(name)
+                tests = {line: {each.rpartition("|")[0] for each in some} - {""} for line, some in found.items()}
+                self.lines[str(Path(name).relative_to(ROOT))] = tests
+                for some in tests.values():
+                    self.breadth.update(some)
+                    self.breadth_of_files.update({test.partition("::")[0] for test in some})
+
+    def tests(self, mutant: Mutant) -> list[list[str]]:
+        """Arguments for pytest, called for each list in turn until a test fails: a few tests, then files of tests.
+
+        Files are tried as tests share what the first of them has computed. What is executed when a module is imported,
+        such as a constant, is tested by all that tests its file.
+        """
+        lines = self.lines.get(mutant.file, {})
+        found = set[str]().union(*(lines.get(line, ()) for line in mutant.statement)) or set().union(*lines.values())
+        narrow = sorted(found, key=lambda test: (self.breadth[test], test))[:NARROW]
+        files = sorted(
+            {test.partition("::")[0] for test in found}, key=lambda file: (self.breadth_of_files[file], file)
+        )
+        numbers = [path(name) for name in NUMBERS.split()] if mutant.declares else []
+        without = [f"--deselect={path(name)}" for name in SLOW]
+        return [[*each, *without] for each in (numbers, narrow, files[:FILES]) if each]
 
 
 def path(name: str) -> str:
@@ -243,27 +252,29 @@ def first_failure(tree: Path, tests: list[list[str]], compiled: bool) -> str:
     return ""
 
 
-def outcomes(mutants: list[Mutant], tests: list[list[str]], compiled: bool, jobs: int) -> Iterator[tuple[Mutant, str]]:
-    """Each mutant, and whether a test detects it: one of `tests`, if there are any, or of its own."""
+def outcomes(
+    mutants: list[Mutant], tests: list[list[list[str]]], compiled: bool, jobs: int
+) -> Iterator[tuple[Mutant, str]]:
+    """Each mutant, and whether one of its tests detects it."""
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(jobs) as pool:
         free = SimpleQueue[Path]()
         for k in range(jobs):
             free.put(copy_of_the_tree(Path(folder, str(k))))
 
-        def outcome(mutant: Mutant) -> tuple[Mutant, str]:
+        def outcome(mutant: Mutant, tests: list[list[str]]) -> tuple[Mutant, str]:
             tree = free.get()
             (tree / mutant.file).write_text(mutant.source)
-            failure = first_failure(tree, tests or tests_of(mutant), compiled)
+            failure = first_failure(tree, tests, compiled)
             shutil.copy2(ROOT / mutant.file, tree / mutant.file)
             free.put(tree)
             return mutant, KILLED if failure else SURVIVED
 
-        tree, each = free.get(), [tests or tests_of(mutant) for mutant in mutants]
-        every = dict.fromkeys(test for lists in each for several in lists for test in several)
-        if failure := first_failure(tree, [[*every]], compiled):
+        tree = free.get()
+        every = dict.fromkeys(test for lists in tests for several in lists for test in several)
+        if failure := first_failure(tree, [[*every, "-n", str(jobs)]], compiled):
             raise SystemExit(f"the tests fail without a mutant:\n{failure}")
         free.put(tree)
-        yield from pool.map(outcome, mutants)
+        yield from pool.map(outcome, mutants, tests)
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -274,12 +285,18 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=0, help="decides which mutants are drawn (default %(default)s)")
     text = 'files to change, such as "systems/inner/*.py" (can be repeated; default: all of systems)'
     parser.add_argument("--files", action="append", metavar="GLOB", help=text)
+    text = "coverage data that says which tests execute a line (default %(default)s)"
+    parser.add_argument("--coverage", type=Path, default=Path(".coverage"), metavar="FILE", help=text)
     parser.add_argument("--tests", nargs="+", metavar="TEST", help="run these tests on all mutants")
     parser.add_argument("--compiled", action="store_true", help="change the native backend of Box2D, and compile")
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="mutants tested at once (default: cores)")
     options = parser.parse_args(arguments)
     drawn = sampled(chosen(options.files or ["systems/**/*.py"], options.compiled), options.sample, options.seed)
-    tests, found = [options.tests] if options.tests else [], Counter[tuple[str, str]]()
+    covered, found = (
+        None if options.tests or options.compiled else Coverage(options.coverage),
+        Counter[tuple[str, str]](),
+    )
+    tests = [covered.tests(mutant) if covered else [options.tests or [path("box2d")]] for mutant in drawn]
     for mutant, outcome in tqdm(outcomes(drawn, tests, options.compiled, options.jobs), total=len(drawn)):
         found[mutant.file, outcome] += 1
         if outcome == SURVIVED:
