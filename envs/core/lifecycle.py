@@ -55,11 +55,7 @@ def check_places(worlds: Worlds, first_world: int) -> None:
 
 
 class EpisodeTracker(Stepper):
-    """The state of episodes, running or ended and waiting for a reset; takes steps and resets.
-
-    Attributes:
-        set_states: Number of states that were set in each world, int64 (worlds,).
-    """
+    """The state of episodes, running or ended and waiting for a reset; takes steps and resets."""
 
     def __init__(self, worlds: Worlds, autoreset: AutoresetMode) -> None:
         """Create it; none of the worlds is running yet."""
@@ -71,7 +67,7 @@ class EpisodeTracker(Stepper):
             resets=autoreset is not AutoresetMode.DISABLED,
             at_once=autoreset is AutoresetMode.SAME_STEP,
         )
-        self.set_states = np.zeros(worlds.count, np.int64)
+        self.set_states = np.zeros(worlds.count, np.int64)  # number of states that were set in each world
 
     @property
     def masks(self) -> dict[str, Array]:

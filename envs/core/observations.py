@@ -187,17 +187,11 @@ def read_only(array: Array) -> Array:
 
 @dataclass(frozen=True)
 class Scale:
-    """Scales of the columns of a row.
+    """Scales of the columns of a row."""
 
-    Attributes:
-        divisors: Divisors of the columns, float32 (columns,).
-        angles: Indices of columns in radians, which are wrapped to -pi to pi first.
-        unlimited: Indices of columns of unknown range, which are clipped to -LIMIT to LIMIT.
-    """
-
-    divisors: Array
-    angles: Array
-    unlimited: Array
+    divisors: Array  # of the columns, float32 (columns,)
+    angles: Array  # indices of columns in radians, which are wrapped to -pi to pi first
+    unlimited: Array  # indices of columns of unknown range, which are clipped to -LIMIT to LIMIT
 
     @classmethod
     def of(cls, fields: Mapping[str, Field], columns: int) -> "Scale":

@@ -40,32 +40,20 @@ def by_side(text: str) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Option:
-    """Properties of an option beside its name, its type and its default.
+    """Properties of an option beside its name, its type and its default."""
 
-    Attributes:
-        group: The title of its group in the help of commands; "" if it is for Python only, and has no flag.
-        text: Description with unit, without a full stop; for a bool, its effect, as in "show no progress". "": what the
-            docstring of the function `described` of the dataclass has about the argument of this name.
-        python: Values or facts for Python only, as a sentence.
-        flag: Its flag, if that is not its name; of a bool that is usually True, one that begins with --no-.
-        metavar: Name of its value in help.
-        least: The lowest integer that is allowed; None if it is not an integer.
-        most: The highest integer.
-        choices: Allowed values, texts or None; () for other types. ChoicesBySide: may differ by side.
-        many: Whether the flag can be repeated, with a text each time.
-        takes: Type and default in the signatures of functions, if these are not those of the field.
-    """
-
-    group: str
+    group: str  # title of its group in the help of commands; "" if it is for Python only, and has no flag
+    # description with unit, without a full stop; for a bool, its effect, as in "show no progress"; "": what is in the
+    # docstring of the function `described` of the dataclass about the argument of this name
     text: str
-    python: str = ""
-    flag: str = ""
-    metavar: str | None = None
-    least: int | None = None
+    python: str = ""  # values or facts for Python only, as a sentence
+    flag: str = ""  # its flag, if that is not its name; of a bool that is usually True, one that begins with --no-
+    metavar: str | None = None  # name of its value in help
+    least: int | None = None  # the lowest integer that is allowed; None if it is not an integer
     most: int = 2**62 - 1
-    choices: tuple[str | None, ...] = ()
-    many: bool = False
-    takes: str = ""
+    choices: tuple[str | None, ...] = ()  # allowed values, texts or None; () for other types
+    many: bool = False  # whether the flag can be repeated, with a text each time
+    takes: str = ""  # type and default in the signatures of functions, if these are not those of the field
 
 
 def option(default: Any, group: str, text: str = "", **more: Any) -> Any:

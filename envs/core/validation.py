@@ -98,19 +98,11 @@ def checked_actions(
     who: str = "agent {1} in world {0}",
     keys: Sequence[str] = (),
 ) -> Array:
-    """Return the actions that a caller passed, integers of any type, as an array.
+    """Return the actions that a caller passed, integers of any type in an array or nested lists, as an array.
 
-    Args:
-        given: An array or nested lists.
-        shape: The shape they must have; the actions of one agent are the last axis.
-        sizes: Number of values of each of these actions.
-        ranges: Whether to check that each action is from 0 to its size - 1.
-        what: Name of `given` in errors ("others").
-        axes: Names of the axes of `shape` in errors.
-        who: Format of an agent's name in errors, by all indices but the last ("sub-environment {0}").
-        keys: Names of the actions of an agent in errors.
-
-    Raises ActionError for the wrong shape or type, or an action that is out of range.
+    The actions of one agent are the last axis; `sizes` has the number of values of each. Raises ActionError for the
+    wrong shape or type or, with `ranges`, an action that is not from 0 to its size - 1. Names in errors: `what` of
+    `given`, `axes` of its axes, `who` of an agent, a format with all indices but the last, and `keys` of its actions.
     """
     actions = _shaped(given, shape, "iu", "integers", what, axes)
     if not ranges:
