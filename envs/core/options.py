@@ -1,6 +1,5 @@
 """Options, each declared once as a field of a dataclass: checks, flags and help follow from that."""
 
-import contextlib
 import inspect
 import re
 from collections.abc import Mapping
@@ -11,31 +10,6 @@ from .validation import check_choice, check_count, check_flags
 
 MILLION = 10**6
 GAME, PLAY, OUTPUT, MACHINE = "game", "what is played", "output", "machine"  # titles of groups of options
-
-
-class ChoicesBySide(tuple[str, ...]):
-    """Choices that can differ by side: a text such as "fast,seeker:paper" is also in them."""
-
-    def __contains__(self, text: object) -> bool:
-        with contextlib.suppress(ValueError):
-            return all(super(ChoicesBySide, self).__contains__(each) for each in by_side(str(text)).values())
-        return False
-
-
-def by_side(text: str) -> dict[str, str]:
-    """Return the choices in a text such as "fast,seeker:paper": by side, and that of all others under "", first.
-
-    Raises ValueError: none is for all others, or a side has two.
-    """
-    found = {"": ""}
-    for part in text.split(","):
-        side, _, choice = part.rpartition(":")
-        if found.get(side):
-            raise ValueError(f"{text}: {side or 'all others'} cannot have both {found[side]} and {choice}")
-        found[side] = choice
-    if not found[""]:
-        raise ValueError(f"{text}: one for all other sides is needed, too, as in fast,{text}")
-    return found
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from typing import Any
 from outlast.components import Return
 from outlast.ecs.checks.code_hash import full_name
 from outlast.ecs.kernels.integers import as_whole
-from outlast.envs.core.options import ChoicesBySide, check_options, default_of, option, options_of
+from outlast.envs.core.options import check_options, default_of, option, options_of
 from outlast.envs.levels import Level
 from outlast.envs.rollout.lineup import checked_entries, parse_lineup
 from outlast.envs.rollout.policies import POLICIES as NAMED
@@ -23,7 +23,7 @@ from outlast.envs.scenarios.scenario_json import imported_code
 
 from .errors import TrainingError
 from .policy_file import Header
-from .presets import DEAD, KINDS, PRESETS, Hyperparameters, parse_hyperparameters, preset
+from .presets import DEAD, KINDS, PRESETS, ChoicesBySide, Hyperparameters, parse_hyperparameters, preset
 
 NEEDED = "NUMBER=FROM:TO or NUMBER=FROM:TO@STEPS is needed, as in rewards_kill=10:0@5e6"
 HOW = ("processes",)  # settings that change the computation, not the results

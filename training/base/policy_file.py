@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 
 from outlast.ecs.declarations.fields import SMALLEST
-from outlast.envs.core.options import ChoicesBySide
 from outlast.envs.errors import needed
 from outlast.envs.scenarios.fingerprint import is_fingerprint, is_word
 from outlast.envs.storage import inputs
@@ -23,7 +22,7 @@ from outlast.envs.storage import inputs
 from .errors import TrainingError
 from .files import read_bytes, write_files
 from .observation_layout import MASK, OWN
-from .presets import PRESETS
+from .presets import PRESETS, ChoicesBySide
 
 RUN_JSON = "run.json"
 WEIGHTS = "policy.safetensors"  # in a checkpoint: weights of its policies

@@ -1,5 +1,6 @@
 """Presets: the paper's networks and numbers according to its text or its authors' code, and faster ones."""
 
+import contextlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from types import MappingProxyType
@@ -9,7 +10,6 @@ from outlast.ecs import NumberError, number
 from outlast.ecs.declarations.numbers import checked
 from outlast.ecs.kernels.errors import meant
 from outlast.ecs.kernels.integers import as_whole
-from outlast.envs.core.options import by_side
 from outlast.envs.errors import ScenarioError
 from outlast.envs.rollout.saved import MASKED, REVEALED, forms
 from outlast.envs.scenarios.fingerprint import difference, fingerprint
@@ -21,6 +21,31 @@ from .errors import TrainingError
 TOGETHER = ("gamma", "gae_lambda", "scale_rewards")  # these act on rollouts, so all policies of a run share them
 WORLDS, ROLLOUT = 64, 16384  # worlds of a rollout, and its environment steps, which one world plays in the paper
 DEAD = ("keep", "drop")  # an agent's samples go on until its episode ends, or they end with its death
+
+
+class ChoicesBySide(tuple[str, ...]):
+    """Choices that can differ by side: a text such as "fast,seeker:paper" is also in them."""
+
+    def __contains__(self, text: object) -> bool:
+        with contextlib.suppress(ValueError):
+            return all(super(ChoicesBySide, self).__contains__(each) for each in by_side(str(text)).values())
+        return False
+
+
+def by_side(text: str) -> dict[str, str]:
+    """Return the choices in a text such as "fast,seeker:paper": by side, and that of all others under "", first.
+
+    Raises ValueError: none is for all others, or a side has two.
+    """
+    found = {"": ""}
+    for part in text.split(","):
+        side, _, choice = part.rpartition(":")
+        if found.get(side):
+            raise ValueError(f"{text}: {side or 'all others'} cannot have both {found[side]} and {choice}")
+        found[side] = choice
+    if not found[""]:
+        raise ValueError(f"{text}: one for all other sides is needed, too, as in fast,{text}")
+    return found
 
 
 @dataclass(frozen=True)
