@@ -2,6 +2,7 @@
 
 import argparse
 import contextlib
+import functools
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -30,7 +31,7 @@ EFFECT = 0.05  # of scores, by default
 def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
     command = add_command(commands, "benchmark", run)
-    command.set_defaults(parser=command)
+    command.set_defaults(run=functools.partial(run, command=command))
     command.add_argument("action", choices=NAMES, metavar="ACTION", help=f"what to do: {', '.join(NAMES)}")
     text = "plan: tasks, or all; run, score, pack: a folder of results; verify, table: folders, or archives of them "
     text += f"(default {RESULTS}); check: archives; situations, anchors: a task; people: recordings"
@@ -74,7 +75,7 @@ def add(commands: Any) -> None:
     files.add_argument("--quiet", action="store_true", help=text)
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace, command: Any = None) -> int:
     """Compare agents by one protocol, with verifiable results.
 
     Compare agents by the protocol of docs/benchmark.md: tasks that never change, a plan before the first result, and
@@ -96,7 +97,7 @@ def run(options: argparse.Namespace) -> int:
         benchmark situations teams_3-v2 --policies scripted runs/teams_3-fast-0  # what agents can do
         benchmark people games.rec --agent you --out mine  # where a person stands, by games of `outlast play`
     """
-    for option in options.parser._actions:  # their help begins with the actions that take them
+    for option in command._actions:  # their help begins with the actions that take them
         actions = [word for text in (option.help or "").split("; ") for word in text.partition(":")[0].split(", ")]
         given = option.option_strings and getattr(options, option.dest, option.default) != option.default
         if given and options.action not in actions:

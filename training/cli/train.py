@@ -2,6 +2,7 @@
 
 import argparse
 import copy
+import functools
 import itertools
 import logging
 import time
@@ -32,7 +33,7 @@ logger = logging.getLogger("outlast")
 def add(commands: Any) -> None:
     """Add the command to a parser's commands."""
     command = add_command(commands, "train", run)
-    command.set_defaults(parser=command)
+    command.set_defaults(run=functools.partial(run, command=command))
     add_scenario(command, several=True)
     for title in (known.LEARNED, known.OPPOSED, known.ROLLOUT, known.OUTPUT, known.MACHINE):  # in this order
         command.group(title)
@@ -49,7 +50,7 @@ def add(commands: Any) -> None:
     command.group(known.MACHINE).add_argument("--jobs", type=positive, help=text)
 
 
-def run(options: argparse.Namespace) -> int:
+def run(options: argparse.Namespace, command: Any = None) -> int:
     """Train the agents of a game with PPO.
 
     Train agents with PPO, by self-play unless --opponents names others. Several variants, seeds or values of --sweep
@@ -65,7 +66,7 @@ def run(options: argparse.Namespace) -> int:
     runs = list(_each_run(options))
     if options.jobs is not None and len(runs) == 1:
         raise TrainingError("--jobs has no effect on one run: leave it out, or name several variants or seeds")
-    return _train_several(options, runs) if len(runs) > 1 else _train_one(options, runs[0])
+    return _train_several(command, options, runs) if len(runs) > 1 else _train_one(options, runs[0])
 
 
 class PlannedRun(NamedTuple):
@@ -125,14 +126,14 @@ def _train_one(options: argparse.Namespace, planned: PlannedRun) -> int:
     return status
 
 
-def _train_several(options: argparse.Namespace, planned: Sequence[PlannedRun]) -> int:
+def _train_several(command: Any, options: argparse.Namespace, planned: Sequence[PlannedRun]) -> int:
     """Train all of them, each in its own process. Return the exit status, see side_by_side.
 
     `--resume` continues runs that were stopped, and begins those that had not begun. Raises TrainingError, before
     anything begins: two runs would be the same.
     """
     folder = Path(options.out or "runs")
-    common = [*options.parser.words(options, leave_out=OWN), *(["--threads=1"] if not options.threads else [])]
+    common = [*command.words(options, leave_out=OWN), *(["--threads=1"] if not options.threads else [])]
     runs = [ChildRun(folder / each.folder_name, [*each.words, *common], resume=options.resume) for each in planned]
     if len({run.name for run in runs}) < len(runs):
         raise TrainingError(f"{', '.join(run.name for run in runs)}: name each variant and each seed once")
