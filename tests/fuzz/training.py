@@ -23,8 +23,7 @@ from outlast.training.base.policy_file import WEIGHTS
 from outlast.training.base.presets import preset
 from outlast.training.policies import checkpoint
 from outlast.training.policies.player import Player
-from outlast.training.ppo import trainer
-from outlast.training.ppo.trainer import Trainer
+from outlast.training.ppo.trainer import Trainer, capture, restore
 from outlast.training.research import compare, figures, results
 from outlast.training.runs.run import TrainingRun
 from tests.fuzz.mutations import Random, mutated, mutated_json, mutated_npy, mutated_zip, to_json, unzipped, zipped
@@ -99,15 +98,15 @@ class Checkpoints(_Checkpoints):
         torch.set_num_threads(1)
         self.folder = folder_of(self)
         self.trainer = Trainer(CONFIG)
-        first = trainer.capture(self.trainer, CONFIG.header())
+        first = capture(self.trainer, CONFIG.header())
         self._go_on()
-        self.files = [zipped(files) for files in (first, trainer.capture(self.trainer, CONFIG.header()))]
+        self.files = [zipped(files) for files in (first, capture(self.trainer, CONFIG.header()))]
         self.valid = self.files[1]
 
     def use(self, path: Path) -> None:
         """Resume from it; sometimes as `outlast train --resume` does."""
         if path.stat().st_size % 32:
-            trainer.restore(self.trainer, checkpoint.read_checkpoint(path))
+            restore(self.trainer, checkpoint.read_checkpoint(path))
             self._go_on()
             return
         run = self.folder / "run"
@@ -132,7 +131,7 @@ class Policies(_Checkpoints):
     def __init__(self) -> None:
         torch.set_num_threads(1)
         trainers = [Trainer(dataclasses.replace(CONFIG, preset=name)) for name in ("original", "scaled")]
-        self.files = [zipped(trainer.capture(trainer, CONFIG.header())) for trainer in trainers]
+        self.files = [zipped(capture(trainer, CONFIG.header())) for trainer in trainers]
         self.valid = self.files[0]
 
     def use(self, path: Path) -> None:

@@ -34,8 +34,7 @@ from outlast.training.base.quantities import COLUMNS, explained
 from outlast.training.cli import evaluate as evaluate_command
 from outlast.training.policies import checkpoint
 from outlast.training.policies.player import Player
-from outlast.training.ppo import trainer
-from outlast.training.ppo.trainer import Trainer
+from outlast.training.ppo.trainer import Trainer, capture
 from tests.conftest import call, interrupted_after
 from tests.helpers.checkpoints import KEPT
 from tests.helpers.outputs import rows_of
@@ -174,7 +173,7 @@ def test_keyed_policies_play_each_world_for_itself(tmp_path: Path, memory: int, 
     """A generator serves all worlds: what happens in one changes all others, except where it draws for all agents."""
     trainer = Trainer(TrainingConfig(quick("ffa_2"), "fast", worlds=4, rollout=256, memory=memory))
     torch.nn.init.zeros_(trainer.policies[0].actor.last.weight)  # all actions are equally likely, to the last bit
-    checkpoint.write_checkpoint(tmp_path / "a.zip", trainer.capture(trainer, {}))
+    checkpoint.write_checkpoint(tmp_path / "a.zip", capture(trainer, {}))
 
     def figures(moves: bool) -> list[bytes]:
         env = make_vec(quick("ffa_2"), 4, seed=0, autoreset_mode="Disabled")
@@ -359,7 +358,7 @@ def test_losses_bound_ratings_and_who_wins_every_game_may_be_any_better() -> Non
 def test_the_report_has_tables_of_groups_and_says_what_errors_are_of(tmp_path: Path) -> None:
     for name, worlds, seed in (("a", 4, 0), ("b", 4, 1), ("c", 8, 0)):
         config = TrainingConfig(variant("ffa_2"), "fast", worlds=worlds, rollout=256, seed=seed)
-        checkpoint.write_checkpoint(tmp_path / f"{name}.zip", trainer.capture(Trainer(config), config.header()))
+        checkpoint.write_checkpoint(tmp_path / f"{name}.zip", capture(Trainer(config), config.header()))
     quick = variant("ffa_2").replace(safe_zone_damage=50, safe_zone_stand=5)
     chosen = contenders([*(tmp_path / f"{name}.zip" for name in "abc"), "noop"])
     evaluation = Evaluation(quick, chosen, episodes=8, worlds=8)

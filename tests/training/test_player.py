@@ -25,7 +25,7 @@ from outlast.training.base.policy_file import RUN_JSON
 from outlast.training.base.presets import PRESETS, preset
 from outlast.training.policies import checkpoint
 from outlast.training.policies.player import EpisodeNoise, Player
-from outlast.training.ppo.trainer import Trainer
+from outlast.training.ppo.trainer import Trainer, capture, restore
 from outlast.training.runs.film import recorded_scenario
 from tests.conftest import run
 from tests.helpers.added_fields import Stamina
@@ -39,7 +39,7 @@ def saved(path: Path, chosen: str = "original") -> Trainer:
     trainer = Trainer(TrainingConfig(variant("teams_3"), chosen, worlds=4, rollout=256))
     generator = torch.Generator().manual_seed(0)  # of its own, so that the order of tests does not matter
     torch.nn.init.normal_(trainer.policies[0].actor.last.weight, std=0.02, generator=generator)
-    checkpoint.write_checkpoint(path, trainer.capture(trainer, {}))
+    checkpoint.write_checkpoint(path, capture(trainer, {}))
     return trainer
 
 
@@ -138,7 +138,7 @@ def test_scales_are_those_of_the_file(tmp_path: Path) -> None:
     files |= {RUN_JSON: json.dumps(header).encode()}
     checkpoint.write_checkpoint(tmp_path / "b.zip", files)
     assert torch.equal(Player(tmp_path / "b.zip").policies[0].extractors[0].own_scale, scale)
-    trainer.restore(trainer, files)
+    restore(trainer, files)
     assert all(torch.equal(extractor.own_scale, scale) for extractor in trainer.policies[0].extractors)
 
 
@@ -163,7 +163,7 @@ def test_what_does_not_fit_is_a_sentence(tmp_path: Path) -> None:
         gymnasium.make("outlast/Teams-v1", scenario="teams_3", cameras_mode="omniscient", others=tmp_path / "b.zip")
     # rows of the same length, but of other numbers
     trainer = Trainer(TrainingConfig(variant("ffa_1").replace(n_agents=4).with_(Stamina()), worlds=4, rollout=256))
-    checkpoint.write_checkpoint(tmp_path / "a.zip", trainer.capture(trainer, {}))
+    checkpoint.write_checkpoint(tmp_path / "a.zip", capture(trainer, {}))
     player, team = Player(tmp_path / "a.zip"), preset("original").scenario(variant("teams_1").without("boxes"))
     player.check(trainer.env)
     with pytest.raises(TrainingError, match=r"a\.zip: .* rows 'own' of id, health, .*stamina; here they are id, team"):
@@ -221,7 +221,7 @@ def places(request: pytest.FixtureRequest, tmp_path: Path) -> dict[str, Path]:
         torch.nn.init.normal_(weight, std=0.1, generator=generator)
         weight.data.copy_(weight.data.half())
     found = {name: tmp_path / f"{name}.safetensors" for name in ("whole", "acting")} | {"zip": tmp_path / "a.zip"}
-    checkpoint.write_checkpoint(found["zip"], trainer.capture(trainer, trainer.config.header()))
+    checkpoint.write_checkpoint(found["zip"], capture(trainer, trainer.config.header()))
     header, (weights,) = checkpoint.read_policies(found["zip"])
     own = {name: values.numpy() for name, values in weights.items()}
     policy_file.write(found["whole"], header, [own])
@@ -294,7 +294,7 @@ def explained_policy(path: Path, preset: str = "original", **options: Any) -> Pa
         torch.nn.init.normal_(own.actor.last.weight, std=0.3)
         for extractor in own.extractors:
             torch.nn.init.normal_(extractor.attention.in_proj_weight, std=0.5)
-    checkpoint.write_checkpoint(path, trainer.capture(trainer, trainer.config.header()))
+    checkpoint.write_checkpoint(path, capture(trainer, trainer.config.header()))
     return path
 
 
