@@ -24,6 +24,7 @@ from outlast.envs.rendering.layers import FILM_LAYERS_BY_NAME
 from outlast.envs.rollout.policies import POLICIES
 from outlast.training.base import config
 from outlast.training.plots import plot
+from outlast.training.runs import train  # noqa: F401  # which describes options of training
 
 ROOT = Path(__file__).parents[1]
 COLUMNS = 112  # of a docstring, behind its indent

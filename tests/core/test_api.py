@@ -127,7 +127,6 @@ def test_names_whose_libraries_are_missing_are_there_and_raise_when_they_are_cal
         "make_sb3": "make_sb3 needs Stable-Baselines3: pip install 'outlast[sb3]'",
         "make_torchrl": "make_torchrl needs TorchRL: pip install 'outlast[torchrl]'",
         "parallel_env": pettingzoo,
-        "train": "outlast.train needs torch: pip install 'outlast[train]'",
     }
 
 

@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from outlast.components import Return
 from outlast.ecs.checks.code_hash import full_name
@@ -178,48 +178,24 @@ def name_of(code: Any) -> str:
 class TrainingConfig:
     """Settings of a training run: arguments of `outlast.train` by name, checked, and parsed if they are texts.
 
-    Equal configs give equal results, for any values of `processes` and `every`. Every option is declared here only;
-    `python -m tests.options --write` copies the declarations into the signature of `outlast.train`.
+    Equal configs give equal results, for any values of `processes` and `every`. Every option is declared here only, and
+    described in the docstring of `outlast.train`, or here if that has more than the help of its flag;
+    `python -m tests.options --write` copies declarations into the signature.
     """
 
+    described: ClassVar[Any] = None  # outlast.train, once that is imported
     scenario: Scenario
-    preset: str = option(
-        FAST,
-        LEARNED,
-        "networks, numbers of PPO and size of a rollout: fast; original, what the paper's authors ran; paper, what the "
-        "paper's text says; scaled, which is paper with inputs of about -1 to 1; with policies=side, one side can have "
-        "another one, as in fast,seeker:paper",
-        choices=ChoicesBySide(PRESETS),
-    )
-    steps: int = option(10_000_000, LEARNED, "agent-steps to train for, rounded up to whole rollouts", least=0)
-    seed: int = option(0, LEARNED, "the same seed gives the same numbers", least=0)
-    worlds: int = option(
-        0,
-        ROLLOUT,
-        "worlds that are stepped together (default: 0, as in the preset; fast has 512 agents in all, others 64 worlds, "
-        "the paper 1)",
-        least=0,
-    )
-    rollout: int = option(
-        0,
-        ROLLOUT,
-        "environment steps of all worlds together between two updates (default: 0, as in the preset; fast has 128 of "
-        "each world, others 16384, as the paper)",
-        least=0,
-    )
-    dead: str = option(
-        "keep", LEARNED, "learn also from the steps of dead agents (keep), or leave them out (drop)", choices=DEAD
-    )
+    preset: str = option(FAST, LEARNED, choices=ChoicesBySide(PRESETS))
+    steps: int = option(10_000_000, LEARNED, least=0)
+    seed: int = option(0, LEARNED, least=0)
+    worlds: int = option(0, ROLLOUT, least=0)
+    rollout: int = option(0, ROLLOUT, least=0)
+    dead: str = option("keep", LEARNED, choices=DEAD)
     device: str = option(
         "cpu", MACHINE, "PyTorch's device on which policies are updated, such as cuda; they always play on the CPU"
     )
-    threads: int = option(
-        0,
-        MACHINE,
-        "threads of each process, with the same results (default: 0, which is cores / processes; of several runs 1)",
-        least=0,
-    )
-    every: int = option(1_000_000, OUTPUT, "agent-steps between two checkpoints", least=1)
+    threads: int = option(0, MACHINE, least=0)
+    every: int = option(1_000_000, OUTPUT, least=1)
     settings: dict[str, Any] = option(
         dict,
         LEARNED,
@@ -231,12 +207,7 @@ class TrainingConfig:
         many=True,
         takes="Mapping[str, Any] | None = None",
     )
-    policies: str = option(
-        "shared",
-        LEARNED,
-        "train one policy for all agents (shared), one for each side, or one for each agent",
-        choices=("shared", "side", "agent"),
-    )
+    policies: str = option("shared", LEARNED, choices=("shared", "side", "agent"))
     opponents: dict[str, float] = option(
         lambda: {SELF: 1.0},
         OPPOSED,
@@ -246,31 +217,11 @@ class TrainingConfig:
         metavar="NAME:WEIGHT,...",
         takes="str | Mapping[str | os.PathLike[str], float] = SELF",
     )
-    prioritised: bool = option(False, OPPOSED, "draw an opponent the more often, the more games it wins")
-    snapshots: int = option(
-        10, OPPOSED, "with opponent past: number of updates until another earlier self is kept", least=1
-    )
-    processes: int = option(
-        1,
-        MACHINE,
-        "processes that share the worlds of a run, with the same results up to rounding",
-        metavar="N",
-        least=1,
-    )
-    memory: int = option(
-        0,
-        LEARNED,
-        "size of each agent's memory, in numbers kept from step to step (default 0: no memory)",
-        metavar="N",
-        least=0,
-        most=4096,
-    )
-    critic: str = option(
-        "own",
-        LEARNED,
-        "learn values from what the agent observes (own), or from that and the state of the world (state)",
-        choices=("own", "state"),
-    )
+    prioritised: bool = option(False, OPPOSED)
+    snapshots: int = option(10, OPPOSED, least=1)
+    processes: int = option(1, MACHINE, metavar="N", least=1)
+    memory: int = option(0, LEARNED, metavar="N", least=0, most=4096)
+    critic: str = option("own", LEARNED, choices=("own", "state"))
     warm_start: str = option(
         "",
         LEARNED,
@@ -282,29 +233,14 @@ class TrainingConfig:
     anneal: tuple[Anneal, ...] = option(
         (),
         LEARNED,
-        "change a number of the game linearly during training: rewards_kill=10:0@5e6 goes from 10 to 0 in the first 5 "
-        "million agent-steps, and without @5e6 over the length of the run",
         python="As a text, or a list of several.",
         metavar="NUMBER=FROM:TO[@STEPS]",
         many=True,
         takes="str | Sequence[str] = ()",
     )
-    levels: Choose | None = option(
-        None,
-        "",
-        "a function that chooses the levels to train in, called before each rollout with an "
-        "outlast.training.ppo.curriculum.TrainingProgress; None: worlds draw their own",
-    )
-    loss: Callable[[Any], Any] | None = option(
-        None, "", "the loss: a function of an outlast.training.ppo.minibatches.Batch; None: PPO's loss"
-    )
-    networks: Any = option(
-        None,
-        "",
-        "the class of the networks, an outlast.training.policies.policy.Networks, or a dict of classes by side; None: "
-        "those of the preset",
-        takes="type | Mapping[str, type] | None = None",
-    )
+    levels: Choose | None = option(None, "")
+    loss: Callable[[Any], Any] | None = option(None, "")
+    networks: Any = option(None, "", takes="type | Mapping[str, type] | None = None")
 
     def __post_init__(self) -> None:
         """Check all values. Raises ScenarioError for an unknown preset, TrainingError for other impossible values."""
@@ -445,27 +381,13 @@ class TrainingConfig:
 class RunOptions:
     """Options of a run that do not change what it trains: further arguments of `outlast.train`."""
 
-    folder: str | Path | None = option(
-        None,
-        OUTPUT,
-        "folder of the run, or the folder around those of several runs (default runs/VARIANT-PRESET-SEED)",
-        flag="--out",
-    )
-    resume: bool = option(False, OUTPUT, "resume from the newest checkpoint in the folder of the run")
-    film: bool = option(False, OUTPUT, "make a short film of each checkpoint, a .webm file beside it")
-    quiet: bool = option(False, OUTPUT, "show no progress bar")
-    cluster: str | None = option(
-        None,
-        MACHINE,
-        "have all processes but the first on the Ray cluster at ADDRESS; without ADDRESS, on that of $RAY_ADDRESS, the "
-        "one on this machine, or a new one here (default: no cluster)",
-        python='"" stands for no ADDRESS.',
-        flag="--ray",
-        metavar="ADDRESS",
-    )
-    callbacks: Sequence[Any] = option(
-        (), "", "objects with some of the methods of outlast.training.runs.run.Callbacks, called during the run"
-    )
+    described: ClassVar[Any] = None  # outlast.train, once that is imported
+    folder: str | Path | None = option(None, OUTPUT, flag="--out")
+    resume: bool = option(False, OUTPUT)
+    film: bool = option(False, OUTPUT)
+    quiet: bool = option(False, OUTPUT)
+    cluster: str | None = option(None, MACHINE, python='"" stands for no ADDRESS.', flag="--ray", metavar="ADDRESS")
+    callbacks: Sequence[Any] = option((), "")
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,7 @@ from ..base.files import check_out
 from ..base.presets import KINDS
 from ..base.quantities import LiveView
 from ..runs.child_runs import RESUME, ChildRun, side_by_side
+from ..runs.train import shown
 
 # options that differ between several runs
 OWN = ("variant", "seed", "sweep", "out", "resume", "quiet", "jobs", "save_scenario")
@@ -111,7 +112,6 @@ def _train_one(options: argparse.Namespace, planned: PlannedRun) -> int:
     """Train in this process with a progress bar. Return the exit status."""
     with needed("train", "training needs {}", TrainingError):
         from ..runs.run import TrainingRun
-        from ..runs.train import shown
     folder = Path(options.out or Path("runs", planned.folder_name))
     training = TrainingRun(planned.config, folder, resume=options.resume, film=options.film, cluster=options.ray)
     begun, start, status = training.done, time.perf_counter(), 0

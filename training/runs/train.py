@@ -4,9 +4,10 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Unpack
+from typing import TYPE_CHECKING, Any, Unpack
 
 from outlast.envs.core.options import options_of
+from outlast.envs.errors import needed
 from outlast.envs.rollout.saved import newest
 from outlast.envs.scenarios.known_numbers import Numbers
 from outlast.envs.scenarios.parse import checks_keywords, resolve
@@ -14,12 +15,14 @@ from outlast.envs.scenarios.parse import options_of as arguments_of
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.storage.interrupts import children_awaited
 
-from ..base.config import FAST, SELF, Choose, TrainingConfig
+from ..base.config import FAST, SELF, Choose, RunOptions, TrainingConfig
 from ..base.curves import LOG, read_log
 from ..base.errors import TrainingError
 from ..base.presets import KINDS
 from ..base.quantities import LiveView
-from .run import TrainingRun, check_callbacks
+
+if TYPE_CHECKING:
+    from .run import TrainingRun
 
 
 @dataclass(frozen=True)
@@ -136,6 +139,8 @@ def train(
         TrainingError: Another value is not allowed, or the run cannot begin or resume in the folder.
     """
     given, own = locals(), options_of(TrainingConfig)
+    with needed("train", "outlast.train needs {}"):
+        from .run import TrainingRun, check_callbacks
     for name, value in numbers.items():
         if name in KINDS:
             raise TrainingError(f"{name} is a number of PPO: settings={{{name!r}: {value!r}}}")
@@ -151,7 +156,10 @@ def train(
     return TrainedRun(place, newest(place), run.saved, run.tags or logged)
 
 
-def shown(run: TrainingRun, *, quiet: bool) -> None:
+TrainingConfig.described = RunOptions.described = train
+
+
+def shown(run: "TrainingRun", *, quiet: bool) -> None:
     """Train, and show a summary, the progress and the remaining time of the run; see LiveView."""
     config, total = run.config, run.config.total
     about = f"{config.scenario.name}, preset {config.preset}, seed {config.seed}: {config.workload}"
@@ -160,7 +168,7 @@ def shown(run: TrainingRun, *, quiet: bool) -> None:
         about += f"\nno checkpoint in {run.folder} yet: begins at 0"
     view = LiveView(run.done, total, quiet=quiet, about=about)
 
-    def progress(run: TrainingRun) -> None:
+    def progress(run: "TrainingRun") -> None:
         ended = run.done >= config.steps
         view.update(run.done, run.done if ended else total, run.tags)
         view.now(run.now)
