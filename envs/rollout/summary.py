@@ -1,7 +1,7 @@
 """The summary of many episodes: means and standard errors of their statistics."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from html import escape
 from typing import Any
@@ -131,15 +131,8 @@ class Summary:
         return found
 
     def __str__(self) -> str:
-        lines = [self._heading()]
-        if self.episodes:
-            counts, table = self.episodes_of(" "), [("per episode", "mean", "std. error", "episodes")]
-            for name, *pair in self.rows():
-                mean, error = (f"{each:.4f}" if math.isfinite(each) else "-" for each in pair)
-                table.append((name, mean, error, f"{counts.get(name, self.episodes):,}"))
-            shown = 3 if counts else 2
-            lines.append("")
-            lines += [f"{name:<20}" + "".join(f" {cell:>12}" for cell in cells[:shown]) for name, *cells in table]
+        lines = [self._heading(), *([""] if self.episodes else [])]
+        lines += [f"{name:<20}" + "".join(f" {cell:>12}" for cell in cells) for name, *cells in self._table()]
         if self.outcomes:
             lines += ["", against_table(self.outcomes)]
         return "\n".join(lines)
@@ -148,8 +141,18 @@ class Summary:
 
     def _repr_html_(self) -> str:
         """Return the summary as HTML, for notebooks."""
-        heading, _, table = str(self).partition("\n\n")
-        return f"<p>{heading}</p>" + (f"<pre>{escape(table)}</pre>" if table else "")
+        rows = "".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in cells)}</tr>" for cells in self._table())
+        against = f"<pre>{escape(against_table(self.outcomes))}</pre>" if self.outcomes else ""
+        return f"<p>{self._heading()}</p>{f'<table>{rows}</table>' if rows else ''}{against}"
+
+    def _table(self) -> Iterator[tuple[str, ...]]:
+        """Yield the cells of the table by row, headings first; nothing if no episode ended."""
+        counts = self.episodes_of(" ")
+        if self.episodes:
+            yield ("per episode", "mean", "std. error", *(["episodes"] if counts else []))
+        for name, *pair in self.rows() if self.episodes else ():
+            cells = [f"{each:.4f}" if math.isfinite(each) else "-" for each in pair]
+            yield (name, *cells, *([f"{counts.get(name, self.episodes):,}"] if counts else []))
 
     def _heading(self) -> str:
         if not self.episodes:
