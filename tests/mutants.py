@@ -43,7 +43,9 @@ from tqdm import tqdm
 
 ROOT = Path(__file__).resolve().parents[1]
 TREE = (".src", "components", "docs", "ecs", "envs", "systems", "tests", "training", "pyproject.toml")
-COMPILED = [f"systems/box2d/{name}.py" for name in ("workspace", "impact", "island", "native")]
+COMPILED = [
+    f"systems/box2d/{name}.py" for name in ("batch", "impact", "island", "joints", "native", "touches", "workspace")
+]
 LEFT_OUT = [f"systems/box2d/{name}.py" for name in ("layout", "probe", "sample", "verify")]
 LEAST_SHARE = 0.85
 KILLED, SURVIVED = "killed", "survived"
@@ -65,8 +67,9 @@ UNTESTED = {"decorator", "fstring", "import_from", "import_name"}  # types of pa
 
 FOLDERS = "tests/core tests/engine tests/mechanics tests/physics"
 COVERED = f"NUMBA_DISABLE_JIT=1 python -m pytest --cov --cov-context=test --timeout=1200 {FOLDERS}"
-NARROW, FILES = 40, 5  # tests that are tried first, and files that are tried then, those that execute the fewest lines
+NARROW, FILES = 25, 2  # tests that are tried first, and files that are tried then: those that execute little else
 NUMBERS = "numbers scenario"  # where a number of a module is declared
+ORACLES = "edges observations bodies digests"  # tried at last: they compare all of a game with something independent
 SLOW = ("fidelity_rules.py::test_the_longest_life_without_heals", "scenario.py::test_what_is_left_runs")
 
 # ---- mutants
@@ -114,8 +117,9 @@ class Mutant:
 
     @property
     def declares(self) -> bool:
-        """Whether its line declares a number of a module."""
-        return ": " in (line := (ROOT / self.file).read_text().splitlines()[self.line - 1]) and "= number(" in line
+        """Whether its statement declares a number of a module."""
+        lines = (ROOT / self.file).read_text().splitlines()
+        return "= number(" in lines[self.statement.start - 1]
 
     @property
     def difference(self) -> str:
@@ -182,6 +186,19 @@ def chosen(globs: Iterable[str], compiled: bool) -> list[str]:
 # ---- their tests
 
 
+def file_of(test: str) -> str:
+    """The file of a test."""
+    return test.partition("::")[0]
+
+
+def executed(lines: dict[int, set[str]]) -> Counter[str]:
+    """How many of these lines each test executes, and the tests of each file."""
+    found = Counter[str]()
+    for tests in lines.values():
+        found.update(tests | {*map(file_of, tests)})
+    return found
+
+
 class Coverage:
     """Which tests execute a line of systems/, by what coverage.py has written."""
 
@@ -191,31 +208,30 @@ class Coverage:
         data = CoverageData(str(file))
         data.read()
         self.lines = dict[str, dict[int, set[str]]]()  # by file and line: the tests that execute it
-        self.breadth, self.breadth_of_files = Counter[str](), Counter[str]()  # executed lines
+        self.breadth = Counter[str]()  # lines that a test, or the tests of a file, execute
         for name in data.measured_files():
             if Path(name).is_relative_to(ROOT / "systems"):
                 found = data.contexts_by_lineno(name)
                 tests = {line: {each.rpartition("|")[0] for each in some} - {""} for line, some in found.items()}
                 self.lines[str(Path(name).relative_to(ROOT))] = tests
-                for some in tests.values():
-                    self.breadth.update(some)
-                    self.breadth_of_files.update({test.partition("::")[0] for test in some})
+                self.breadth += executed(tests)
 
     def tests(self, mutant: Mutant) -> list[list[str]]:
-        """Arguments for pytest, called for each list in turn until a test fails: a few tests, then files of tests.
+        """Arguments for pytest, called for each list in turn until a test fails: a few tests, then files, then ORACLES.
 
         Files are tried as tests share what the first of them has computed. What is executed when a module is imported,
         such as a constant, is tested by all that tests its file.
         """
         lines = self.lines.get(mutant.file, {})
         found = set[str]().union(*(lines.get(line, ()) for line in mutant.statement)) or set().union(*lines.values())
-        narrow = sorted(found, key=lambda test: (self.breadth[test], test))[:NARROW]
-        files = sorted(
-            {test.partition("::")[0] for test in found}, key=lambda file: (self.breadth_of_files[file], file)
+        share = {test: count / self.breadth[test] for test, count in executed(lines).items()}
+        narrow, files = (
+            sorted(some, key=lambda each: (-share[each], each)) for some in (found, {*map(file_of, found)})
         )
-        numbers = [path(name) for name in NUMBERS.split()] if mutant.declares else []
+        numbers, oracles = ([path(name) for name in names.split()] for names in (NUMBERS, ORACLES))
         without = [f"--deselect={path(name)}" for name in SLOW]
-        return [[*each, *without] for each in (numbers, narrow, files[:FILES]) if each]
+        several = numbers if mutant.declares else [], narrow[:NARROW], files[:FILES], oracles
+        return [[*each, *without] for each in several if each]
 
 
 def path(name: str) -> str:
@@ -296,7 +312,9 @@ def main(arguments: list[str] | None = None) -> int:
         None if options.tests or options.compiled else Coverage(options.coverage),
         Counter[tuple[str, str]](),
     )
-    tests = [covered.tests(mutant) if covered else [options.tests or [path("box2d")]] for mutant in drawn]
+    tests = [
+        covered.tests(mutant) if covered else [options.tests or ["tests/physics", path("hiding")]] for mutant in drawn
+    ]
     for mutant, outcome in tqdm(outcomes(drawn, tests, options.compiled, options.jobs), total=len(drawn)):
         found[mutant.file, outcome] += 1
         if outcome == SURVIVED:

@@ -23,7 +23,7 @@ def test_a_mutant_is_tested_by_what_executes_its_line(tmp_path: Path) -> None:
     found = {}
     for name, words in {"gap": "return np.float32(np.sqrt(", "cone": "beyond = ", "constant": "ONE = "}.items():
         (line,) = (number for number, text in enumerate(lines, 1) if words in text)
-        tests, files = coverage.tests(Mutant(points, "NumberReplacer", 0, line))
+        tests, files, _ = coverage.tests(Mutant(points, "NumberReplacer", 0, line))
         found[name] = {test for test in tests if "deselect" not in test}
         assert files[0] == TESTS
     assert found == {"gap": {GAP}, "cone": {CONE}, "constant": {GAP, CONE}}
