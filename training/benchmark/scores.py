@@ -235,8 +235,8 @@ def named(each: Scores) -> Iterator[tuple[str, Value]]:
 def by_agent(found: Scores) -> Iterator[tuple[str, Scores, str, str, Scores]]:
     """Yield the budget and its scores, the task, the agent and the scores of that agent."""
     for budget, own in found["budgets"].items():
-        for task, of_task in own["tasks"].items():
-            yield from ((budget, own, task, agent, each) for agent, each in of_task.items())
+        for task, of_task in sorted(own["tasks"].items()):
+            yield from ((budget, own, task, agent, each) for agent, each in sorted(of_task.items()))
 
 
 def absent(found: Scores) -> int:

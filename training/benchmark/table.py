@@ -97,8 +97,8 @@ def _marked(agent: str, *tasks: Mapping[str, scores.Scores]) -> str:
 
 
 def _by_task(tasks: Mapping[str, Mapping[str, scores.Scores]]) -> Iterator[list[str]]:
-    for task, of_task in tasks.items():
-        for agent, each in of_task.items():
+    for task, of_task in sorted(tasks.items()):
+        for agent, each in sorted(of_task.items()):
             outside = [value for name, value in each["games"].items() if name != TRAINED]
             others = [value for mate, value in each["mates"].items() if mate != SELF]
             passed = [share >= SHARE for share in each["situations"].values()]
@@ -148,7 +148,9 @@ def _more(found: scores.Scores) -> Iterator[tuple[str, bytes]]:
     """Yield figures, and files for marl-eval, for each budget in which agents share a task."""
     for budget, own in found["budgets"].items():
         about = f"{int(budget):,} agent-steps"
-        if any(each["curve"][1:] for task in own["tasks"].values() for each in task.values()):
+        if any(
+            "mean" in point for task in own["tasks"].values() for each in task.values() for point in each["curve"][1:]
+        ):
             yield f"curves-{budget}.png", _picture(_draw_curves, own, f"validation, {about}")
         if not own["common"]:
             continue
@@ -202,22 +204,27 @@ def _draw_profile(own: scores.Scores, title: str) -> Any:
 def _draw_curves(own: scores.Scores, title: str) -> Any:
     from matplotlib.figure import Figure
 
-    agents = dict.fromkeys(agent for task in own["tasks"].values() for agent in task)
-    across = min(3, len(own["tasks"]))
-    down = -(-len(own["tasks"]) // across)
+    curves = dict[str, dict[str, list[Any]]]()  # by task and agent: the points that were measured
+    for task, of_task in sorted(own["tasks"].items()):
+        for agent, each in of_task.items():
+            if points := [point for point in each["curve"] if "mean" in point]:
+                curves.setdefault(task, {})[agent] = points
+    numbers = {agent: k for k, agent in enumerate(sorted({*itertools.chain(*curves.values())}))}
+    across = min(3, len(curves))
+    down = -(-len(curves) // across)
     figure = Figure((SIZE[0], 0.4 + 2.0 * down), layout="constrained")
     figure.suptitle(title)
     panels = figure.subplots(down, across, squeeze=False, sharey=True).ravel()
-    for axes, (task, of_task) in zip(panels, own["tasks"].items(), strict=False):
+    for axes, (task, of_task) in zip(panels, curves.items(), strict=False):
         axes.set_title(task, fontsize="small")
         axes.set(ylim=(0, 1), xlabel="million agent-steps")
-        for k, agent in enumerate(agents):
-            points = [point for point in of_task.get(agent, {}).get("curve", ()) if "mean" in point]
-            known = ("mean", "low", "high") if points and "low" in points[0] else ("mean",)
+        for agent, points in of_task.items():
+            known = ("mean", "low", "high") if "low" in points[0] else ("mean",)
             ys = {key: [point.get(key, point["mean"]) for point in points] for key in known}
-            _line(axes, k, agent, [point["steps"] / 1e6 for point in points], ys)
-    for axes in panels[len(own["tasks"]) :]:
+            _line(axes, numbers[agent], agent, [point["steps"] / 1e6 for point in points], ys)
+    for axes in panels[len(curves) :]:
         axes.axis("off")
+    lines = {line.get_label(): line for axes in panels for line in axes.lines}
+    panels[0].legend(lines.values(), lines, frameon=False, fontsize="x-small")
     panels[0].set_ylabel("games won")
-    panels[0].legend(frameon=False, fontsize="x-small")
     return figure
