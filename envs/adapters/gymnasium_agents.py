@@ -6,9 +6,8 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 
 from ..core.action_spaces import ActionSpace
-from ..core.agents import agent_statistics, present
 from ..core.observations import each
-from ..core.spaces import statistics
+from ..core.spaces import agent_statistics, present, statistics
 from ..core.validation import Array, Seeds, as_array, check_flags, reset_mask
 from ..core.validation import autoreset_mode as checked_mode
 from ..core.vector_env import Actions, Arrays, BatchedSpaces, SurvivalVectorEnv, world_options

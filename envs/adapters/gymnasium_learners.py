@@ -8,8 +8,7 @@ from gymnasium.vector import AutoresetMode
 from outlast.ecs import Clock
 from outlast.ecs.kernels.integers import is_whole
 
-from ..core.agents import alive, fewest_agents
-from ..core.spaces import statistics
+from ..core.spaces import alive, fewest_agents, statistics
 from ..core.validation import Array, check_choice, check_count
 from ..core.vector_env import world_options
 from ..errors import ActionError

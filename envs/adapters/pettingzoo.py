@@ -11,11 +11,10 @@ from gymnasium import spaces
 from outlast.components.respawn import inactive
 
 from ..core.action_spaces import ActionSpace
-from ..core.agents import alive, counted, present
 from ..core.concurrency import check_callable
 from ..core.numbers import copy_changed
 from ..core.observations import each
-from ..core.spaces import statistics
+from ..core.spaces import alive, counted, present, statistics
 from ..core.validation import Array, check_choice, check_count
 from ..core.vector_env import SurvivalVectorEnv, world_options
 from ..errors import ActionError, NotResetError, needed

@@ -5,7 +5,7 @@ from typing import Any, Unpack
 import numpy as np
 
 from ..core.action_spaces import ActionSpace
-from ..core.agents import alive
+from ..core.spaces import alive
 from ..core.validation import Array, check_choice, check_flags
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import needed

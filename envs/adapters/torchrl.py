@@ -10,9 +10,9 @@ from gymnasium import spaces
 
 from outlast.ecs import AgentRoles, Clock
 
-from ..core.agents import counts_vary, side
 from ..core.concurrency import exclusive
 from ..core.observations import each
+from ..core.spaces import counts_vary, side
 from ..core.validation import Array, check_choice, keys
 from ..core.vector_env import StepBuffers, SurvivalVectorEnv, world_options
 from ..errors import needed

@@ -15,9 +15,8 @@ from ..core.vector_env import SurvivalVectorEnv
 from ..errors import UsageError
 from ..recording import record as record_env
 from ..rollout import lineup, local
-from ..rollout.lineup import Entries, Other, Others, entries_of
+from ..rollout.lineup import Against, Entries, Other, Others, entries_of
 from ..rollout.memory import check_memories
-from ..rollout.outcome import Against
 from ..rollout.policies import Policy, plain
 from ..rollout.summary import Summary
 from ..rollout.table_file import Ended, episode_file, event_file, numbered, with_episodes

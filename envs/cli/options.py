@@ -271,10 +271,7 @@ PARSED: dict[str, dict[str, Any]] = {
 
 
 def _varied(asked: Scenario, fixed: Mapping[str, str], options: argparse.Namespace) -> Scenario:
-    """Return the scenario with the distributions of --vary.
-
-    fixed: which option sets a number. Raises ScenarioError, NumberError.
-    """
+    """Return the scenario with the distributions of --vary. fixed: which option sets a number."""
     parts = [_parts("--vary", text, "'melee_damage=integers(5, 20)'") for text in options.vary]
     drawn = {}
     for name, text in by_full_name(asked.find_number, parts).items():

@@ -346,16 +346,13 @@ def draw_frames(options: argparse.Namespace) -> int:
 
 
 def _filmed(options: argparse.Namespace, total: int, made: Callable[[Count], object]) -> int:
-    """Make a film of `total` ticks after the first one with a progress bar, and describe it. Return the exit status.
-
-    The bar begins with the first frame: until then, something may be refused.
-    """
+    """Make a film of `total` ticks after the first one with a progress bar, and describe it. Return the exit status."""
     bars, frames = list[Progress](), 0
 
     def show(count: int) -> None:
         nonlocal frames
         frames = count
-        if not bars:
+        if not bars:  # before the first frame, something may be refused
             bars.append(begun.enter_context(Progress(total // options.every + 1, "frames", quiet=options.quiet)))
         bars[0].show(count, max(bars[0].total, count))  # the ends of episodes add some
 

@@ -21,13 +21,11 @@ from ..scenarios.scenario import Scenario
 from ..snapshots.state import State, restore, snapshot
 from . import lifecycle
 from .action_spaces import ActionSpace
-from .agents import Presence, counted
 from .concurrency import CallGuard, check_callable, exclusive
-from .global_state import GlobalState
 from .numbers import change_levels, change_numbers, current_levels, current_numbers
-from .observations import Observations, writable
+from .observations import GlobalState, Observations, writable
 from .one_world import Query, place
-from .spaces import check_published, statistics
+from .spaces import Presence, check_published, counted, statistics
 from .validation import MAX_WORLDS, Array, Seeds, as_array, check_choice, check_count, check_flags, keys, reset_mask
 from .validation import autoreset_mode as checked_autoreset_mode
 

@@ -14,8 +14,7 @@ import numpy as np
 from outlast.components import End, Reward
 from outlast.ecs import RESET, STEP, Clock, Observation
 
-from ..core.agents import alive, counts_vary, present
-from ..core.spaces import published
+from ..core.spaces import alive, counts_vary, present, published
 from ..core.validation import Array, joined
 from ..errors import RecordingError
 from ..recording import Recording, Replay

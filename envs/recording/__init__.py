@@ -1,7 +1,7 @@
 """Recordings: the inputs of episodes, in about one byte per agent-step, and bit-identical replays of them.
 
-Read in this order: recorder (the inputs of a tick), file_format, replay (the ticks repeated), digests (detection of
-differences).
+Read in this order: recorder (the inputs of a tick, and digests, which detect differences), file_format, replay (the
+ticks repeated).
 """
 
 from .recorder import Recorder, record

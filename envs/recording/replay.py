@@ -15,9 +15,8 @@ from outlast.ecs.kernels.integers import is_whole
 from outlast.ecs.memory.given import wrongly_given
 from outlast.ecs.memory.numbers import GIVEN_WORDS, Given
 
-from ..core.agents import counted
 from ..core.lifecycle import announce_compilation, check_playable
-from ..core.spaces import statistics
+from ..core.spaces import counted, statistics
 from ..core.validation import Array, check_count
 from ..errors import RecordingError, ReplayError, ScenarioError
 from ..rollout.summary import Summary
@@ -27,8 +26,8 @@ from ..scenarios.parse import resolve
 from ..scenarios.scenario import Scenario
 from ..scenarios.scenario_json import foreign
 from . import file_format
-from .digests import Digests
 from .file_format import DONE, HEAD, KEY_SIZE, RECORDS, Chunk, JointActions, TickFormat, TickRecord
+from .recorder import Digests
 
 # bytes of worlds that any file may request, and more for each of its bytes
 MAX_WORLDS_BYTES, MORE_FOR_EACH_BYTE = 2**30, 10_000

@@ -182,10 +182,7 @@ def _rim(count: int) -> Image:
 
 @functools.lru_cache(maxsize=4096)
 def _ink(words: str, scale: float, thick: int) -> tuple[int, int, int, int]:
-    """Return left, right, top and bottom of the ink of words, pixels from the point where OpenCV starts to write.
-
-    They are found by trial, as fonts depend on OpenCV's version.
-    """
+    """Return left, right, top and bottom of the ink of words by trial, pixels from where OpenCV starts to write."""
     (width, height), below = cv2.getTextSize(words, cv2.FONT_HERSHEY_DUPLEX, scale, thick)
     margin = height + below + 2
     trial = np.zeros((2 * margin + height, 2 * margin + width), np.uint8)

@@ -21,7 +21,7 @@ from ..core.vector_env import SurvivalVectorEnv
 from ..errors import UsageError, install
 from ..storage.interrupts import interrupts_held
 from ..storage.outputs import atomic_write, check_file, written_to
-from .outcome import PLAYED, Against
+from .lineup import PLAYED, Against
 from .summary import MOMENTS, column_names
 
 Table = Mapping[str, Array]

@@ -329,10 +329,7 @@ def _real(name: str, number: Any) -> float:
 
 
 def _drawn(text: str, cell: float, signs: Collection[str]) -> tuple[list[tuple[str, Rectangle]], int, int]:
-    """Return sign and place of each rectangle in a drawing, metres, and its numbers of columns and rows.
-
-    signs: The characters that mean something, apart from those of floor. For the rest see FloorPlan.from_text.
-    """
+    """Return sign and place, metres, of each rectangle of `signs` in a drawing, and its numbers of columns and rows."""
     lines = "\n".join(line.rstrip() for line in textwrap.dedent(text).splitlines()).strip("\n").splitlines()
     columns, rows = max(map(len, lines), default=0), len(lines)
     if not 0 < columns <= LONGEST_LINE or rows > LONGEST_LINE:

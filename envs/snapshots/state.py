@@ -282,10 +282,7 @@ def _checked(
 
 
 def _check_events(layout: MemoryLayout, counts: Array, given: Array) -> None:
-    """Raise StateError unless the events of a state are valid lists.
-
-    counts: int32 (worlds, kinds). given: the lists, uint8 (worlds, bytes).
-    """
+    """Raise StateError unless `given`, uint8 (worlds, bytes), has valid lists of `counts` events, (worlds, kinds)."""
     memory = EventMemory(counts, np.ascontiguousarray(given).view(layout.event_type).reshape(-1))
     for event in layout.events:
         found, capacity = table(event, layout.events, memory), layout.dims[event.capacity_dim()]

@@ -20,12 +20,10 @@ from outlast.ecs import Action, Clock
 from outlast.systems.ending import outliving_wins
 
 from .. import recording
-from ..core.agents import alive, fewest_agents, side
-from ..core.spaces import published
+from ..core.spaces import alive, fewest_agents, published, side
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import MessageError, PlayError
-from ..rollout.lineup import Lineup, Others, entries_of
-from ..rollout.outcome import Standings, own_wins
+from ..rollout.lineup import Lineup, Others, Standings, entries_of, own_wins
 from ..rollout.summary import RESULTS
 from ..scenarios.scenario import Scenario
 from ..storage import inputs

@@ -126,6 +126,7 @@ def describe(worlds: Worlds, w: int) -> Json:
     points = scene.prefab(Health).points if hurts else [0] * worlds.dims["rows"]
     count = max([worlds.dims.get("sides", 0), *(sides[e] + 1 for e in bodies.agents)])
     floor = [_number(2 * side) for side in scene.sides] if Floor in scene else []
+    roles = worlds.layout.roles
     physics = scene.mechanic(systems.Physics) if systems.Physics in scene else None
 
     def reach(e: int | None) -> float:
@@ -157,7 +158,7 @@ def describe(worlds: Worlds, w: int) -> Json:
         "agents": [
             {
                 "side": sides[e],
-                "role": _role(scene, i),
+                "role": roles.names[number] if roles and (number := scene[AgentRoles].role[i]) >= 0 else "",
                 "radius": _number(scene.shape.radius[e]),
                 "hides": _hides(scene, e),
                 "health": points[e],
@@ -213,12 +214,6 @@ def snapshot(worlds: Worlds, w: int) -> Json:
         "rings": [scene.looked_up(e, "ring") > 0 for e in looking],
         "lines": [bodies.numbers[row] if row >= 0 else -1 for row in lines],
     }
-
-
-def _role(scene: Scene, i: int) -> str:
-    """Return the name of agent `i`'s role; "" without roles, or if the agent is absent."""
-    roles = scene.worlds.layout.roles
-    return roles.names[number] if roles and (number := scene[AgentRoles].role[i]) >= 0 else ""
 
 
 def _object(scene: Scene, e: int, kind: str) -> Json:

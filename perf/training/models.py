@@ -21,8 +21,7 @@ import numpy as np
 import torch
 
 from outlast.envs.api.make import make_vec
-from outlast.envs.rollout.saved import TABLE, Model, models
-from outlast.envs.storage.kept_results import RESULTS
+from outlast.envs.rollout.saved import RESULTS, TABLE, Model, models
 from outlast.training.arena.evaluation import Evaluation
 from outlast.training.arena.players import contenders
 from outlast.training.base import policy_file

@@ -17,7 +17,7 @@ import outlast
 from outlast import make_vec
 from outlast.ecs import columns_of
 from outlast.envs.adapters.gymnasium_agents import SurvivalAgentVectorEnv
-from outlast.envs.core.agents import counts_vary, present, side
+from outlast.envs.core.spaces import counts_vary, present, side
 from outlast.envs.errors import NotResetError
 from tests.helpers.execution_modes import EACH_LEVEL, HUNT, equal, same, short
 

@@ -17,7 +17,7 @@ from outlast import VARIANTS, make_vec
 from outlast.envs.adapters.gymnasium_learners import SurvivalLearnerVectorEnv
 from outlast.envs.adapters.gymnasium_single import SurvivalEnv
 from outlast.envs.adapters.registry import IDS
-from outlast.envs.core.agents import alive, present, side
+from outlast.envs.core.spaces import alive, present, side
 from outlast.envs.errors import NotResetError, StateError, UsageError
 from outlast.envs.rollout.policies import POLICIES
 from tests.helpers.execution_modes import ALL, HUNT, equal, short

@@ -13,8 +13,8 @@ import outlast
 from outlast import VARIANTS, make_vec, variant
 from outlast.components import Bag, Body, Box, Health, SelfView, Shape, Wall
 from outlast.ecs import Clock, Entity
-from outlast.envs.core.agents import counts_vary, present
-from outlast.envs.core.global_state import GlobalState
+from outlast.envs.core.observations import GlobalState
+from outlast.envs.core.spaces import counts_vary, present
 from outlast.envs.errors import ActionError, NotResetError, StateError
 from outlast.systems import Respawn
 from tests.conftest import digest, few_by_day

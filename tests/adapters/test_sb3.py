@@ -11,7 +11,7 @@ import pytest
 
 import outlast
 from outlast import make_vec
-from outlast.envs.core.agents import alive, counts_vary, present, side
+from outlast.envs.core.spaces import alive, counts_vary, present, side
 from outlast.envs.errors import NotResetError, PendingError
 from outlast.systems import FineMotors
 from tests.helpers.execution_modes import COUNTS, EACH_LEVEL, HUNT, equal, short

@@ -12,7 +12,7 @@ import pytest
 import outlast
 from outlast import make_vec, variant
 from outlast.ecs import AgentRoles, NumberError
-from outlast.envs.core.agents import side
+from outlast.envs.core.spaces import side
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import StateError
 from outlast.envs.scenarios.fingerprint import classes, difference, fingerprint, is_fingerprint, rebuilt

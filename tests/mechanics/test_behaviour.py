@@ -12,7 +12,7 @@ from outlast import Scenario, make_vec, variant
 from outlast.components import Body, Health, Shape, Zone
 from outlast.distributions import integers, uniform
 from outlast.ecs import Entity
-from outlast.envs.core.agents import alive, side
+from outlast.envs.core.spaces import alive, side
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.systems import Behaviour, Preparation, Respawn, Rooms
 from tests.conftest import COMPILED, draw_actions, few_by_day, scaled

@@ -16,7 +16,7 @@ from outlast.envs.adapters.gymnasium_learners import SurvivalLearnerVectorEnv
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import RecordingError, ReplayError
 from outlast.envs.recording import Recording, Replay
-from outlast.envs.recording.digests import Digests
+from outlast.envs.recording.recorder import Digests
 from outlast.envs.rollout.local import rollout
 from outlast.envs.rollout.policies import POLICIES
 from tests.conftest import draw_actions

@@ -9,7 +9,7 @@ import pytest
 
 import outlast
 from outlast.distributions import integers
-from outlast.envs.core.agents import fewest_sides, side
+from outlast.envs.core.spaces import fewest_sides, side
 from outlast.envs.datasets.export import export_dataset
 from outlast.envs.datasets.samples import Selection
 from outlast.envs.recording import Recording, Replay

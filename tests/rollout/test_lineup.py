@@ -9,14 +9,26 @@ import pytest
 
 import outlast
 from outlast.ecs import Clock
-from outlast.envs.core.agents import alive, side
+from outlast.envs.core.spaces import alive, side
 from outlast.envs.errors import ActionError, UsageError
 from outlast.envs.rendering.scene import Scene
 from outlast.envs.rendering.words import winner
-from outlast.envs.rollout.lineup import STREAM, Lineup, checked_entries, draw, own_side, parse_lineup, role_of
+from outlast.envs.rollout.lineup import (
+    STREAM,
+    Against,
+    Lineup,
+    Standings,
+    checked_entries,
+    draw,
+    own_side,
+    own_wins,
+    parse_lineup,
+    role_of,
+    shares_beaten,
+    wins,
+)
 from outlast.envs.rollout.local import rollout
 from outlast.envs.rollout.memory import told
-from outlast.envs.rollout.outcome import Against, Standings, own_wins, shares_beaten, wins
 from outlast.envs.rollout.policies import POLICIES
 from outlast.envs.web.game import Game
 from tests.conftest import run

@@ -16,10 +16,20 @@ import pytest
 
 import outlast
 from outlast.envs.errors import UsageError
+from outlast.envs.rollout import saved
 from outlast.envs.rollout.lineup import checked_entries, parse_lineup
-from outlast.envs.rollout.saved import CHECKPOINT, checkpoints, fetched, is_saved, located, models, policy_file, text_of
-from outlast.envs.storage import kept_results
-from outlast.envs.storage.kept_results import ADDRESS, RESULTS
+from outlast.envs.rollout.saved import (
+    ADDRESS,
+    CHECKPOINT,
+    RESULTS,
+    checkpoints,
+    fetched,
+    is_saved,
+    located,
+    models,
+    policy_file,
+    text_of,
+)
 from tests.conftest import run
 
 NAME = "teams_3/fast-0"
@@ -133,7 +143,7 @@ def test_they_are_found_in_a_checkout_also_by_an_installed_outlast(monkeypatch, 
     monkeypatch.setitem(sys.modules, "pooch", None)
     assert fetched(NAME) == located(NAME) == RESULTS / "policies" / f"{NAME}.safetensors"
     monkeypatch.delenv(ADDRESS, raising=False)
-    monkeypatch.setattr(kept_results, "RESULTS", tmp_path / "nowhere")
+    monkeypatch.setattr(saved, "RESULTS", tmp_path / "nowhere")
     monkeypatch.chdir(RESULTS.parent)
     assert fetched(NAME).resolve() == RESULTS / models()[NAME].file
 
@@ -211,13 +221,13 @@ def test_an_address_that_is_none_is_refused(monkeypatch, address: str, message: 
 def test_an_installed_outlast_uses_the_address_of_its_metadata(monkeypatch, tmp_path: Path) -> None:
     asked = list[str]()
     monkeypatch.delenv(ADDRESS, raising=False)
-    monkeypatch.setattr(kept_results, "RESULTS", tmp_path / "nowhere")
+    monkeypatch.setattr(saved, "RESULTS", tmp_path / "nowhere")
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(kept_results, "_downloaded", lambda address, *given: asked.append(address))
-    monkeypatch.setattr(kept_results, "metadata", lambda name: described("Source, https://host/outlast"))
+    monkeypatch.setattr(saved, "_downloaded", lambda address, *given: asked.append(address))
+    monkeypatch.setattr(saved, "metadata", lambda name: described("Source, https://host/outlast"))
     with pytest.raises(UsageError, match=f"{NAME}: an installed .* no address of them: set {ADDRESS} to a"):
         fetched(NAME)
-    monkeypatch.setattr(kept_results, "metadata", lambda name: described("Results, https://host/raw/results"))
+    monkeypatch.setattr(saved, "metadata", lambda name: described("Results, https://host/raw/results"))
     fetched(NAME)
     fetched(LONG)
     name = LONG.replace("+", "%2B").replace("=", "%3D")

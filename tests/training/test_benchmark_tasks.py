@@ -12,7 +12,7 @@ import pytest
 
 from outlast import make_vec, variant
 from outlast.envs.errors import RecordingError, UsageError
-from outlast.envs.storage.kept_results import ADDRESS
+from outlast.envs.rollout.saved import ADDRESS
 from outlast.training.arena.match import Act
 from outlast.training.arena.players import Contender
 from outlast.training.base import policy_file

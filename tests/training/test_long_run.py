@@ -9,8 +9,7 @@ import pytest
 import outlast
 from outlast.components import Item
 from outlast.ecs import Entity
-from outlast.envs.core.agents import side
-from outlast.envs.core.spaces import statistics
+from outlast.envs.core.spaces import side, statistics
 from outlast.training.base.errors import TrainingError
 from outlast.training.research.__main__ import main
 from outlast.training.research.long_run import COUNTED, SHARES, chosen

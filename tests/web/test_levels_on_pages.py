@@ -10,7 +10,7 @@ import pytest
 import outlast
 from outlast import role
 from outlast.distributions import integers
-from outlast.envs.core.agents import present, side
+from outlast.envs.core.spaces import present, side
 from outlast.envs.errors import PlayError
 from outlast.envs.rendering.rgb import draw, text
 from outlast.envs.rendering.words import EndLayer, ScoresStrip

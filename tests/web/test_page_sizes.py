@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 import outlast
-from outlast.envs.core.agents import present
+from outlast.envs.core.spaces import present
 from outlast.envs.web.pages import write_page
 from outlast.systems import SpawnGrid
 from tests.web.browser import Screen, ticks

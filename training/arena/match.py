@@ -10,8 +10,7 @@ from outlast.components import Kills, Outcome
 from outlast.ecs import Statistic
 from outlast.envs.core.spaces import published
 from outlast.envs.core.vector_env import SurvivalVectorEnv
-from outlast.envs.rollout.lineup import ROLES, role_of
-from outlast.envs.rollout.outcome import Standings, wins
+from outlast.envs.rollout.lineup import ROLES, Standings, role_of, wins
 from outlast.envs.rollout.summary import MOMENTS
 
 from ..base.metrics import AgentMetrics

@@ -7,8 +7,7 @@ import numpy as np
 
 from outlast.components import Death, Item, ItemGiven
 from outlast.ecs import Entity, Statistic, columns_of
-from outlast.envs.core.agents import alive, counted, present, side
-from outlast.envs.core.spaces import published
+from outlast.envs.core.spaces import alive, counted, present, published, side
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.summary import MOMENTS
 from outlast.systems import Agents, Melee

@@ -20,8 +20,8 @@ import numpy as np
 
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.errors import RecordingError
-from outlast.envs.recording.digests import Digests
 from outlast.envs.recording.file_format import JointActions
+from outlast.envs.recording.recorder import Digests
 from outlast.envs.storage import inputs
 
 from ..arena.evaluation import Evaluation

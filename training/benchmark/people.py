@@ -10,9 +10,9 @@ import numpy as np
 
 from outlast.components import End
 from outlast.ecs import RESET
-from outlast.envs.core.agents import side
+from outlast.envs.core.spaces import side
 from outlast.envs.recording import Recording, Replay
-from outlast.envs.rollout.outcome import Standings, own_wins
+from outlast.envs.rollout.lineup import Standings, own_wins
 from outlast.envs.scenarios.fingerprint import difference, fingerprint, is_word
 
 from ..arena.ratings import anchored

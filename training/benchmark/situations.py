@@ -15,7 +15,7 @@ import numpy as np
 import outlast
 from outlast.components import Body, Box, Health, Item, Wall, Zone
 from outlast.ecs import Clock, Entity
-from outlast.envs.core.agents import side
+from outlast.envs.core.spaces import side
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout import policies
 from outlast.envs.rollout.policies import AIMED, STRIKE, SWEEP, Intent, Seen, closer, first, follow, unit

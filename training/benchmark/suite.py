@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
+from outlast.envs.rollout.saved import RESULTS, kept_file
 from outlast.envs.scenarios.fingerprint import difference, fingerprint, is_fingerprint, is_word
 from outlast.envs.storage import inputs
-from outlast.envs.storage.kept_results import RESULTS, kept_file
 
 from ..arena.evaluation import Evaluation
 from ..arena.players import Contender, labels

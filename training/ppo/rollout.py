@@ -10,12 +10,11 @@ import torch
 from torch import Tensor
 
 from outlast.ecs import Clock
-from outlast.envs.core.agents import alive, counts_vary, side
-from outlast.envs.core.global_state import GlobalState
+from outlast.envs.core.observations import GlobalState
+from outlast.envs.core.spaces import alive, counts_vary, side
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.core.visible_rows import VisibleRows
-from outlast.envs.rollout.lineup import draw, key_of, own_side
-from outlast.envs.rollout.outcome import Standings, shares_beaten
+from outlast.envs.rollout.lineup import Standings, draw, key_of, own_side, shares_beaten
 
 from ..arena.opponent_pool import OpponentPool, Plain
 from ..base.config import CHUNK, TrainingConfig

@@ -16,8 +16,8 @@ import outlast
 from outlast.components import Sides
 from outlast.components.agent import side_names
 from outlast.ecs.kernels.errors import meant
-from outlast.envs.core.agents import side
-from outlast.envs.core.global_state import GlobalState
+from outlast.envs.core.observations import GlobalState
+from outlast.envs.core.spaces import side
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.levels import Level
 from outlast.envs.rollout.memory import told
