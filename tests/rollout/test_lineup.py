@@ -13,20 +13,8 @@ from outlast.envs.core.spaces import alive, side
 from outlast.envs.errors import ActionError, UsageError
 from outlast.envs.rendering.scene import Scene
 from outlast.envs.rendering.words import winner
-from outlast.envs.rollout.lineup import (
-    STREAM,
-    Against,
-    Lineup,
-    Standings,
-    checked_entries,
-    draw,
-    own_side,
-    own_wins,
-    parse_lineup,
-    role_of,
-    shares_beaten,
-    wins,
-)
+from outlast.envs.rollout import lineup
+from outlast.envs.rollout.lineup import STREAM, Lineup, checked_entries, draw, own_side, parse_lineup, role_of
 from outlast.envs.rollout.local import rollout
 from outlast.envs.rollout.memory import told
 from outlast.envs.rollout.policies import POLICIES
@@ -203,15 +191,15 @@ def test_sides_take_turns() -> None:
 
 
 def test_the_longest_lived_side_wins() -> None:
-    assert wins(np.array([[3, 2], [2, 2], [0, 9]])).tolist() == [[1, 0], [0.5, 0.5], [0, 1]]
+    assert lineup.wins(np.array([[3, 2], [2, 2], [0, 9]])).tolist() == [[1, 0], [0.5, 0.5], [0, 1]]
     life = np.array([[5, 9, 5, 0, 7], [5, 9, 3, 0, 0]])  # in the second world, three sides are there
-    of_each = [shares_beaten(life, np.full(2, own), np.array([5, 3])).tolist() for own in range(3)]
+    of_each = [lineup.shares_beaten(life, np.full(2, own), np.array([5, 3])).tolist() for own in range(3)]
     assert of_each == [[1.5 / 4, 0.5], [1, 1], [1.5 / 4, 0]]
     many = np.random.default_rng(0).integers(0, 4, (50, 5))
-    each = [shares_beaten(many, np.full(50, own), np.full(50, 5)) for own in range(5)]
+    each = [lineup.shares_beaten(many, np.full(50, own), np.full(50, 5)) for own in range(5)]
     np.testing.assert_allclose(np.mean(each, 0), 0.5)
     two, own = many[:, :2], many[:, 2] % 2
-    assert (shares_beaten(two, own, np.full(50, 2)) == own_wins(two, own)).all()
+    assert (lineup.shares_beaten(two, own, np.full(50, 2)) == lineup.own_wins(two, own)).all()
 
 
 def counted(scenario: Any, names: list[str], worlds: int, each: int, seed: int) -> dict[str, list[int]]:
@@ -254,7 +242,7 @@ def test_wins_are_as_counted_in_a_plain_loop(variant: str, numbers: dict[str, in
     worlds, each, names = 24, 2, ["noop", "scripted"]
     expected = counted(scenario, names, worlds, each, 3)
     env = outlast.make_vec(scenario, worlds, seed=3)
-    against = Against(env, POLICIES["scripted"](env, 3), mixed(dict.fromkeys(names, 1), env))
+    against = lineup.Against(env, POLICIES["scripted"](env, 3), mixed(dict.fromkeys(names, 1), env))
     assert rollout(env, against, episodes=each, watch=against.watch).episodes == worlds * each
     assert against.counts.tolist() == list(expected.values())
     assert against.counts.sum() == worlds * each
@@ -264,7 +252,7 @@ def test_wins_are_as_counted_in_a_plain_loop(variant: str, numbers: dict[str, in
 def test_one_side_has_nobody_to_play_against() -> None:
     env = outlast.make_vec("ffa_1", 2, seed=0, n_agents=1)
     with pytest.raises(UsageError, match="ffa_1-n_agents=1 has one side: there is nobody to play against"):
-        Against(env, POLICIES["noop"](env, 0), mixed({"noop": 1}, env))
+        lineup.Against(env, POLICIES["noop"](env, 0), mixed({"noop": 1}, env))
 
 
 SMALL = ("rollout", "ffa_2", "--worlds", "20", "--set", "safe_zone_damage=100", "--quiet")
@@ -323,7 +311,7 @@ def test_absent_sides_do_not_win() -> None:
     env.reset()
     for _ in range(TICK):
         env.step(np.tile(env.noop, (16, 3, 1)))
-    come = Standings(env.worlds).of(np.arange(16))
+    come = lineup.Standings(env.worlds).of(np.arange(16))
     counts = env.numbers()["agents_count"]
     assert set(counts) == {2, 3}
     assert (come.argmax(1) == counts - 1).all()

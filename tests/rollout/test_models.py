@@ -18,22 +18,12 @@ import outlast
 from outlast.envs.errors import UsageError
 from outlast.envs.rollout import saved
 from outlast.envs.rollout.lineup import checked_entries, parse_lineup
-from outlast.envs.rollout.saved import (
-    ADDRESS,
-    CHECKPOINT,
-    RESULTS,
-    checkpoints,
-    fetched,
-    is_saved,
-    located,
-    models,
-    policy_file,
-    text_of,
-)
+from outlast.envs.rollout.saved import CHECKPOINT, checkpoints, fetched, is_saved, located, models, policy_file, text_of
 from tests.conftest import run
 
 NAME = "teams_3/fast-0"
 LONG = "teams_2+health_cap+team_share+bounty+steering+give_last_reach=10/pool-0"  # whose address has %2B and %3D
+ADDRESS, RESULTS = saved.ADDRESS, saved.RESULTS
 needs_results = pytest.mark.skipif(not RESULTS.is_dir(), reason="results are not part of this archive")
 
 
