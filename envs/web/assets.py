@@ -56,10 +56,10 @@ def assemble(
     connect: str = "'none'",
     **others: Any,
 ) -> str:
-    """Return a page that needs no other file: the template in a folder with scripts and styles inlined.
+    """Return a page that needs no other file: page.html with the body in a folder, scripts and styles inlined.
 
     The page's Content-Security-Policy lets only these scripts run, and connect only to `connect`. folder: that of its
-    template and its own files, "play" or "replay". scripts, styles: names; each script comes after those that it needs,
+    body and its own files, "play" or "replay". scripts, styles: names; each script comes after those that it needs,
     and later styles override earlier ones. data: base64, which the scripts find as the text of #data. others: constants
     for the scripts, besides COLORS by theme and SIZES (see style.py).
     """
@@ -75,9 +75,9 @@ def assemble(
         f"default-src 'none'; script-src 'sha256-{script_hash}'; style-src 'sha256-{sheet_hash}'; img-src data:; "
         f"connect-src {connect}; base-uri 'none'; form-action 'none'"
     )
-    template = string.Template(_asset(folder, "page.html"))
+    template = string.Template(_asset(folder, "page.html").replace("$body", _asset(folder, "body.html")))
     return template.substitute(
-        title=html.escape(title), icon=ICON, policy=policy, style=sheet, script=script, data=data
+        title=html.escape(title), folder=folder, icon=ICON, policy=policy, style=sheet, script=script, data=data
     )
 
 
