@@ -255,7 +255,7 @@ class TickRecord:
     mode: int8 (worlds,), SKIP, STEP or RESET. codes: joint actions (worlds that took a STEP, agents).
     keys: uint64 (n, 4 + given), worlds with new keys or other numbers right before the tick, as (row, seed, world,
         episode, words of numbers); see ecs.Clock and ecs.memory.numbers.Given.
-    digest: uint16 (digest_size,), digest of the state after the tick; see digests.
+    digest: uint16 (digest_size,), digest of the state after the tick; see recorder.
     policy: TickFormat.policy (worlds that took a STEP, agents), the record of the policy; None: not recorded.
     """
 

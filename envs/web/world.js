@@ -1,4 +1,4 @@
-// World.draw paints a snapshot on a 2d context: a pure function of (description, snapshot, options), see trace.py.
+// World.draw paints a snapshot on a 2d context: a pure function of (description, snapshot, options), see world_json.py.
 //
 // options: width, height (CSS pixels), ratio (device pixels in one), colors (a theme of assets.py), camera {x, y, half}
 // (metres), follow (an agent, -1: none), show {cones, lines, rays, zone, ids, health, bags, trails, blind, attention, night}
@@ -9,7 +9,7 @@ const World = (() => {
   const { circle, ring, line, cross, outline, side } = Brush;
   const { cone_opacity: FAINT, zone_rim: RIM, zone_dash: DASH } = SIZES;
   const WIDEST = 0.55; // metres: a line to what has all the attention
-  const ITEMS = ["heal", "item", "box_item", "other"], SOLIDS = ["box", "wall"]; // roles of objects, see trace.py
+  const ITEMS = ["heal", "item", "box_item", "other"], SOLIDS = ["box", "wall"]; // roles of objects, see world_json.py
   const LEGEND = { letter: 12, gap: 14 }; // pixels
   const CLEAR = 1.3; // metres around an agent that stay clear at night
 
