@@ -1,5 +1,6 @@
 """Options, each declared once as a field of a dataclass: checks, flags and help follow from that."""
 
+import functools
 import inspect
 import re
 from collections.abc import Mapping
@@ -43,6 +44,7 @@ def options_of(kind: Any) -> dict[str, Option]:
     return found | {name: replace(found[name], text=text) for name, text in missing.items()}
 
 
+@functools.cache
 def _argument(function: Any, name: str) -> str:
     """Return the first sentence of a docstring about an argument, in the form of Option.text."""
     entry = re.search(rf"^    {name}: (.*(?:\n        .*)*)", inspect.getdoc(function) or "", re.MULTILINE)
