@@ -31,7 +31,7 @@ from ..storage.outputs import atomic_write, check_file, written_to
 from ..text_table import terminal_width, text_table
 from ..web.pages import write_page
 from .grammar import add_command
-from .options import VARIANT, add_changes, add_options, add_scenario, output, path, positive, scenario, seed
+from .options import VARIANT, add_changes, add_options, add_scenario, given_options, output, path, positive, scenario
 
 LOGGER = logging.getLogger(__name__)
 TEMPLATE = Path(__file__).with_name("new_game.txt")
@@ -52,10 +52,9 @@ def add(commands: Any) -> None:
     text = f"where the walls stand: {VARIANT} (default: ffa_3)"
     game.add_argument("--variant", default="ffa_3", metavar="VARIANT", help=text)
     add_changes(command)
-    played = command.group(PLAY)
-    played.add_argument("--worlds", type=positive, default=1, metavar="N", help="number of worlds to draw (default 1)")
-    text = "seed of all random numbers: the same seed gives the same episodes (default 0)"
-    played.add_argument("--seed", type=seed, default=0, metavar="N", help=text)
+    text = "number of worlds to draw (default 1)"
+    command.group(PLAY).add_argument("--worlds", type=positive, default=1, metavar="N", help=text)
+    add_options(command, CheckOptions, only=("seed",))
     files = command.group(OUTPUT)
     text = f"side of each world's picture in pixels, 64 to 4096, for a .png only (default: {SIZE})"
     files.add_argument("--size", type=positive, metavar="N", help=text)
@@ -260,8 +259,7 @@ def check_game(options: argparse.Namespace) -> int:
     def passed(name: str, text: str) -> None:
         print(f"{name:<{width}}  {text or 'ok'}", flush=True)
 
-    asked = {"worlds": options.worlds, "steps": options.steps, "seed": options.seed}
-    return int(bool(check(scenario(options), **asked, passed=passed)))
+    return int(bool(check(scenario(options), **given_options(options, CheckOptions), passed=passed)))
 
 
 class NumberRow(NamedTuple):

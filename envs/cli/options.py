@@ -173,7 +173,7 @@ def add_options(
         **more: By option, arguments of add_argument that do not follow from what is declared.
     """
     for name, own in options_of(kind).items():
-        if only and name not in only:
+        if (only and name not in only) or not own.group:
             continue
         usual, how = default_of(kind, name), dict[str, Any]()
         if own.many:
@@ -186,8 +186,7 @@ def add_options(
         how |= {"choices": own.choices} if own.choices else {}
         how |= {"metavar": own.metavar} if own.metavar else {}
         how |= {"default": usual, "help": before + help_of(kind, name), **PARSED.get(name, {}), **more.get(name, {})}
-        if own.group:
-            command.group(own.group).add_argument(flag_of(name, own), **how)
+        command.group(own.group).add_argument(flag_of(name, own), **how)
 
 
 def given_options(options: argparse.Namespace, kind: Any) -> dict[str, Any]:
