@@ -15,11 +15,10 @@ import numpy as np
 
 from ..errors import ScenarioError
 
-Array = np.ndarray[Any, Any]
 LARGEST_TEXT = 2**24  # bytes; as JSON, they take about 30 times as much memory
 CHUNK = 2**20  # bytes that are read at once
 MEMORY = 2**27  # bytes that xz may take to unpack a file; the highest preset takes half of it
-START = b"\x93NUMPY\x01\x00"
+START = b"\x93NUMPY\x01\x00"  # of an .npy file; then follow the length of its header, and the header
 NUMBERS = re.compile(rb"{'descr': '([<>|][biuf][1248])', 'fortran_order': False, 'shape': \(([0-9, ]*)\), } *\n")
 # the errors that reading JSON of another form may raise: they are about the file, not about this process
 BROKEN_JSON = (ValueError, KeyError, TypeError, AttributeError, RecursionError, MemoryError)
@@ -118,7 +117,7 @@ def zip_entries(file: BinaryIO, only: Collection[str] = (), most: float = math.i
         return {name: archive.read(name) for name in only or names}
 
 
-def npy_array(content: bytes) -> Array:
+def npy_array(content: bytes) -> np.ndarray[Any, Any]:
     """Return the array of an .npy file, if it has numbers in C order and a header as numpy writes it; or ValueError."""
     begin = len(START) + 2
     end = begin + int.from_bytes(content[len(START) : begin], "little")
