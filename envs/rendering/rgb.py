@@ -149,8 +149,8 @@ class _Reel:
 
     def draw(self, k: int) -> Image:
         """Draw the k-th of the chosen worlds."""
-        seed, layers = len(self.seeds()) > 1, self.layers
-        layers = [replace(layer, seed=seed) if isinstance(layer, TitleStrip) else layer for layer in layers]
+        seed = len(self.seeds()) > 1
+        layers = [replace(layer, seed=seed) if isinstance(layer, TitleStrip) else layer for layer in self.layers]
         return draw(self.worlds, self.chosen[k], self.size, layers)
 
     def seeds(self) -> Image:
