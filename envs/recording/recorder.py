@@ -28,6 +28,10 @@ from ..rollout.memory import Begins, tell
 from ..scenarios.fingerprint import classes, fingerprint
 from .file_format import JointActions, RecordingWriter, TickRecord, policy_dtype
 
+WORLDS_PER_DIGEST = 64  # maximum; the worlds of larger batches take turns
+SIGN_WORLDS = 8  # worlds whose upper halves of words a digest also sums, in turn
+SHIFT = np.uint32(15)
+
 
 class PolicyRecorder:
     """A record of a policy's choices before each tick of an environment. For arguments and errors see `record`.
@@ -220,11 +224,6 @@ def record(
         )
     thoughts = None if policy is None else PolicyRecorder(env, policy, plays)
     return env.add_observer(lambda: Recorder(env, path, thoughts, episodes, played))
-
-
-WORLDS_PER_DIGEST = 64  # maximum; the worlds of larger batches take turns
-SIGN_WORLDS = 8  # worlds whose upper halves of words a digest also sums, in turn
-SHIFT = np.uint32(15)
 
 
 class Digests:
