@@ -13,7 +13,7 @@ from outlast.ecs.kernels.errors import NumberError, OutlastError
 
 
 def install(extra: str) -> str:
-    """Return the command that installs an extra, with versions: "pip install 'outlast[view]' (websockets>=14)".
+    """Return the command that installs an extra, with versions: "pip install 'outlast[window]' (pygame-ce>=2.5.3)".
 
     Wherever outlast was installed from, pip finds it installed, and needs an index only for what is missing.
     """
