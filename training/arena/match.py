@@ -53,7 +53,7 @@ class Match:
 
     base_env: worlds with autoreset DISABLED. acts: the policy of each role, see lineup.role_of, or one for both; a
     third one plays the team-mates of the first, which is then one agent of each of its sides, each equally often.
-    outcome.wins gives the winners; a draw counts half.
+    lineup.wins gives the winners; a draw counts half.
     """
 
     def __init__(self, base_env: SurvivalVectorEnv, acts: Sequence[Act], each: int, seed: int) -> None:

@@ -141,7 +141,7 @@ class OpponentPool:
     def record_all(self, games: Iterable[tuple[int, int, float]]) -> None:
         """Record the games of a rollout, in any order: the step in which each ended, the opponent, the share won.
 
-        The share is that of the other sides that the learners' side beat, see outcome.shares_beaten. Between equals it
+        The share is that of the other sides that the learners' side beat, see lineup.shares_beaten. Between equals it
         is 1/2 on average for any number of sides, and ratings and priorities treat 1/2 as even.
         """
         ended: dict[tuple[int, int], list[float]] = {}

@@ -330,7 +330,7 @@ class Lane:
         self._draw(where)
 
     def tallies(self) -> Tallies:
-        """Return the measurements of the last closed rollout, by tag."""
+        """Return the measurements of the last rollout, by tag."""
         layout, shape = self.packer.layout, (-1, self.env.num_worlds, self.env.num_agents)
         own = self.samples.own.reshape(*shape, layout.own)
         actions = self.samples.actions.reshape(*own.shape[:3], self.samples.actions.shape[2])
