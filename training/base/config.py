@@ -1,4 +1,4 @@
-"""Settings of a training run: everything that determines its results."""
+"""Options of training and evaluation. TrainingConfig has those that determine the results of a run."""
 
 import math
 import os

@@ -1,4 +1,4 @@
-"""Columns of evaluations and logs with their meanings, tables of numbers, and the main figures of a training."""
+"""Columns of evaluations and logs with their meanings, tables of numbers, and the main figures of a run, also live."""
 
 import csv
 import io
