@@ -66,7 +66,7 @@ OPERATORS = (
 UNTESTED = {"decorator", "fstring", "import_from", "import_name"}  # types of parso's nodes
 
 FOLDERS = "tests/core tests/engine tests/mechanics tests/physics"
-COVERED = f"NUMBA_DISABLE_JIT=1 python -m pytest --cov --cov-context=test --timeout=1200 {FOLDERS}"
+COVERED = f"NUMBA_DISABLE_JIT=1 python -m pytest --cov --cov-context=test --cov-report= --timeout=1200 {FOLDERS}"
 NARROW, FILES = 25, 2  # tests that are tried first, and files that are tried then: those that execute little else
 NUMBERS = "numbers scenario"  # where a number of a module is declared
 ORACLES = "edges observations bodies digests"  # tried at last: they compare all of a game with something independent
@@ -308,13 +308,9 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1, help="mutants tested at once (default: cores)")
     options = parser.parse_args(arguments)
     drawn = sampled(chosen(options.files or ["systems/**/*.py"], options.compiled), options.sample, options.seed)
-    covered, found = (
-        None if options.tests or options.compiled else Coverage(options.coverage),
-        Counter[tuple[str, str]](),
-    )
-    tests = [
-        covered.tests(mutant) if covered else [options.tests or ["tests/physics", path("hiding")]] for mutant in drawn
-    ]
+    covered = None if options.tests or options.compiled else Coverage(options.coverage)
+    given, found = [options.tests or ["tests/physics", path("hiding")]], Counter[tuple[str, str]]()
+    tests = [covered.tests(mutant) if covered else given for mutant in drawn]
     for mutant, outcome in tqdm(outcomes(drawn, tests, options.compiled, options.jobs), total=len(drawn)):
         found[mutant.file, outcome] += 1
         if outcome == SURVIVED:
