@@ -16,9 +16,9 @@ from outlast.envs.errors import ScenarioError
 from outlast.envs.scenarios.fingerprint import fingerprint, is_fingerprint
 from outlast.envs.scenarios.variants import base, variant
 
-from ..base import curves, policy_file
+from ..base import policy_file
 from ..base.config import HOW, SELF, TrainingConfig
-from ..base.curves import FILE, NEEDED, Curves, Described, curves_of_log, is_known, read_curves
+from ..base.curves import FILE, LOG, NEEDED, Curves, Described, curves_of_log, is_known, read_curves
 from ..base.errors import EmptyRunError, TrainingError
 from ..base.presets import Hyperparameters, preset
 
@@ -28,7 +28,7 @@ USUAL = {
 }  # values for plans of earlier versions, which lack them
 SCENARIO, PRESET, SEED = "scenario", "preset", "seed"
 OF_PRESET = {*asdict(Hyperparameters()), "rollout", "steps", "cameras_mode"}  # settings that come with a preset
-RUN_FILES = (curves.LOG, policy_file.RUN_JSON)  # files that identify the folder of a run
+RUN_FILES = (LOG, policy_file.RUN_JSON)  # files that identify the folder of a run
 ABSENT = "not there"  # in place of a number that a game lacks
 BEYOND = {
     "varied": "numbers that vary",
@@ -126,7 +126,7 @@ def load(places: Iterable[Path]) -> list[Run]:
         try:
             if path.is_dir():
                 header = policy_file.read_run_folder(path)
-                found.append(run_of(path, header, curves_of_log(path / curves.LOG, is_known)))
+                found.append(run_of(path, header, curves_of_log(path / LOG, is_known)))
             else:
                 found.append(read_kept(path))
         except EmptyRunError as error:
@@ -152,7 +152,7 @@ def _found(place: Path) -> list[Path]:
     runs = {path.parent for name in RUN_FILES for path in place.glob(f"*/{name}")}
     found = sorted([*(place / name for name in kept_runs(place)), *runs])
     if not found:
-        wanted = f"neither {curves.LOG} nor {FILE} nor folders of runs"
+        wanted = f"neither {LOG} nor {FILE} nor folders of runs"
         raise TrainingError(f"{place} does not hold runs: {wanted}")
     return found
 

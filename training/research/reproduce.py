@@ -22,8 +22,8 @@ from outlast.envs.scenarios.parse import resolve
 from outlast.envs.scenarios.scenario import Scenario
 from outlast.envs.scenarios.variants import VARIANTS
 
-from ..base import curves, policy_file
-from ..base.curves import FILE, format_curves, rounded, thinned
+from ..base import policy_file
+from ..base.curves import FILE, LOG, format_curves, last_step, rounded, thinned
 from ..base.errors import TrainingError
 from ..base.files import check_out, write_files
 from ..base.quantities import LiveView
@@ -122,14 +122,14 @@ class Experiment:
         name = f"{self.name}-{self.preset}-"
         steps = {out / self.part / run: done for run, done in self._kept(out).items()}
         folders = [path for path in self.folder(out, 0).parent.glob("*") if path.name.startswith(name)]
-        steps |= {path: curves.last_step(path / curves.LOG) for path in folders if checkpoints(path)}
+        steps |= {path: last_step(path / LOG) for path in folders if checkpoints(path)}
         by_seed = {path.name.removeprefix(name): path for path, done in steps.items() if done >= self.steps}
         return [by_seed[seed] for seed in sorted(filter(str.isdecimal, by_seed), key=int)]
 
     def steps_done(self, out: Path, seed: int) -> int:
         """Return agent-steps of a run, by its log or by kept results."""
         folder = self.folder(out, seed)
-        return max(curves.last_step(folder / curves.LOG), self._kept(out).get(folder.name, 0))
+        return max(last_step(folder / LOG), self._kept(out).get(folder.name, 0))
 
     def _kept(self, out: Path) -> dict[str, int]:
         """Return agent-steps of all runs of its part that are kept, by name."""
