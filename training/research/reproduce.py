@@ -266,10 +266,8 @@ def write_part(part: str, chosen: Sequence[Experiment], out: Path, progress: Cou
     """
     there = [each for each in experiments([part]) if each.results(out)]
     if part == CORRECTED:
-        known, runs = (
-            corrected_games.read_measured(out / part / corrected_games.FILE),
-            {run for each in there for run in each.results(out)},
-        )
+        known = corrected_games.read_measured(out / part / corrected_games.FILE)
+        runs = {run for each in there for run in each.results(out)}
         old = {run for run in runs if ((run / corrected_games.FILE).exists() if run.is_dir() else run.name in known)}
         shown = [each for each in there if each in chosen or old.issuperset(each.results(out))]
         yield from _mended(part, shown, out, progress)
