@@ -293,9 +293,9 @@ class TrainingConfig:
                 elif code is not None and name == "levels" and self.processes > 1:
                     yield "the levels function runs in one process only: leave out processes"
                 elif code is not None and shared and imported_code(name_of(code)) is not code:
-                    needed = "other processes and readers of saved files must import it"
+                    why = "other processes and readers of saved files must import it"
                     cure = "define it by its name at the top of a module"
-                    yield f"{name} = {name_of(code)} cannot be imported, but {needed}: {cure}"
+                    yield f"{name} = {name_of(code)} cannot be imported, but {why}: {cure}"
         if self.policies == "shared" and (isinstance(self.networks, Mapping) or len(self.numbers_by_policy) > 1):
             needed = "need policies of their own: take policies = 'side'"
             yield f"a preset, networks or numbers of PPO of one side {needed}"
