@@ -281,9 +281,9 @@ class Trainer:
     def captured(self) -> tuple[State, dict[str, Array]]:
         """Return the worlds of all processes, and the states of their lanes, (worlds, ...) by name."""
         state = self.env.get_state()
-        return State(state.scenario, self.joined(state.arrays)), self.joined(self.lane.state())
+        return State(state.scenario, self.merged(state.arrays)), self.merged(self.lane.state())
 
-    def joined(self, own: Mapping[str, Array]) -> dict[str, Array]:
+    def merged(self, own: Mapping[str, Array]) -> dict[str, Array]:
         """Return arrays of all processes, by name, in order of the worlds."""
         return {name: self.crew.gather(np.ascontiguousarray(values)) for name, values in own.items()}
 
@@ -407,7 +407,7 @@ def restore(trainer: Trainer, files: dict[str, bytes]) -> None:
     factors = scales(trainer.layout, header["fields"])
     if len(weights) != len(trainer.learners):
         raise TrainingError(f"the checkpoint has {len(weights)} policies, but the run {len(trainer.learners)}")
-    check_state(rest, _rest(trainer, trainer.joined(trainer.lane.state())) | {"opponents": None})  # checked by the pool
+    check_state(rest, _rest(trainer, trainer.merged(trainer.lane.state())) | {"opponents": None})  # checked by the pool
     for learner, given in zip(trainer.learners, rest["learners"], strict=True):
         _check_learner(learner, given)
     worlds, env = read(io.BytesIO(files[WORLDS]), f"{WORLDS} of the checkpoint"), trainer.env
