@@ -139,12 +139,12 @@ def train(
         TrainingError: Another value is not allowed, or the run cannot begin or resume in the folder.
     """
     given, own = locals(), options_of(TrainingConfig)
-    with needed("train", "outlast.train needs {}"):
-        from .run import TrainingRun, check_callbacks
     for name, value in numbers.items():
         if name in KINDS:
             raise TrainingError(f"{name} is a number of PPO: settings={{{name!r}: {value!r}}}")
     config = TrainingConfig(resolve(scenario, numbers, arguments_of(train)), **{name: given[name] for name in own})
+    with needed("train", "outlast.train needs {}"):
+        from .run import TrainingRun, check_callbacks
     check_callbacks(callbacks)
     place = Path(folder or Path("runs", config.folder_name()))
     with children_awaited():
