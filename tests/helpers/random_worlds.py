@@ -25,7 +25,7 @@ from tests.helpers.naive_walls import blocks, signed_distance
 from tests.helpers.naive_world import World, differences, read
 from tests.reference.random_numbers import scattered
 
-COUNT = scaled(160, least=40)  # worlds of each kind
+COUNT = scaled(160, least=80)  # worlds of each kind
 TICKS = 3  # played from each random state
 KEYS = ("ahead", "left", "turn", "attack", "use", "give")
 
