@@ -18,14 +18,13 @@ from outlast.training.base.quantities import NONE, pivot
 from outlast.training.plots.plot import compare
 from outlast.training.research.claims import claims_table, findings
 from outlast.training.research.compare import markdown, side_by_side
-from outlast.training.research.reproduce import Experiment, experiments
+from outlast.training.research.reproduce import CORRECTED, ORIGINAL, Experiment, experiments
 from outlast.training.research.results import PaperGroup, group_runs, load_runs
 
 DOCS = Path(__file__).resolve().parent.parent
 RESULTS = DOCS.parent / "results"
 TESTS = DOCS.parent / "tests"
 RULES = TESTS / "mechanics"
-ORIGINAL = "original"  # the folder of results in which the paper's runs are repeated, and the preset of these
 TEXT = "text"  # the folder and preset of the runs that follow the paper's text
 COMPARED = [RESULTS / folder / "ffa_4-original-0" for folder in (ORIGINAL, "worlds-64")]
 CONSTANTS = {"test_fidelity.py": ("FREE_TOLERANCE", "CONTACT_TOLERANCE"), "test_statistics.py": ("ERRORS", "EPISODES")}
@@ -150,7 +149,7 @@ def claimed() -> str:
 
 def mended(*games: str) -> str:
     """What agents do in these games of results/mended: a column for each, without rows of zeros."""
-    lines = (RESULTS / "mended" / "measured.md").read_text().splitlines()
+    lines = (RESULTS / CORRECTED / "measured.md").read_text().splitlines()
     heads, _, *rows = ([cell.strip() for cell in line.strip("|").split("|")] for line in lines)
     by_game = {row[0]: row for row in rows}
     columns = [[code(game.replace("+", " +")), *by_game[game][1:]] for game in games]
