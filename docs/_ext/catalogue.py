@@ -12,9 +12,10 @@ from outlast import components, systems
 from outlast.components import Phase
 from outlast.ecs import Action, Component, Event, Module, Observation, Statistic, Worlds
 from outlast.envs.adapters.registry import IDS
-from outlast.envs.cli.games import allowed, number_rows, number_words, uses
+from outlast.envs.cli.games import uses
 from outlast.envs.core.spaces import published
 from outlast.envs.rendering.layers import FILM_LAYERS_BY_NAME, FILM_OPTIONAL, LAYERS
+from outlast.envs.scenarios.number_table import allowed, in_words, number_rows
 from outlast.training.base.presets import PRESETS, Hyperparameters
 from outlast.training.base.quantities import COLUMNS
 from outlast.training.benchmark.suite import suite
@@ -91,7 +92,7 @@ def _numbers(kind: type[Module]) -> str:
     played = [s.numbers() for s in outlast.VARIANTS.values() if kind in s]
     rows = []
     for row in number_rows(kind()):
-        runs = "; ".join(dict.fromkeys(number_words(own[row.name]) for own in played)) or "–"
+        runs = "; ".join(dict.fromkeys(in_words(own[row.name]) for own in played)) or "–"
         values = (text.replace(",", ", ") for text in (row.default, runs))
         rows.append([code(row.name), *values, row.allowed, row.unit, row.about])
     table = grid(["number", "default", "in the variants", "allowed", "unit", "meaning"], rows) if rows else ""

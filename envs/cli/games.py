@@ -6,15 +6,12 @@ import functools
 import importlib.util
 import keyword
 import logging
-import math
-from collections.abc import Mapping
-from dataclasses import fields
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from outlast.components import Shape
-from outlast.ecs import Component, Entity, Module, Worlds
+from outlast.ecs import Component, Entity, Worlds
 from outlast.systems import Walls
 
 from ..api.check import CHECKS, CheckOptions, check
@@ -24,8 +21,8 @@ from ..errors import ScenarioError, UsageError
 from ..rendering.canvas import png
 from ..rendering.rgb import check_pictures, footage, near_square
 from ..scenarios.floor_plan import GENERATORS, LAYOUT, FloorPlan, in_words
+from ..scenarios.number_table import NumberRow, scenario_rows
 from ..scenarios.parse import installed, package, scenario_of_package
-from ..scenarios.scenario import Scenario
 from ..scenarios.variants import ABLATIONS, ALIASES, VARIANTS
 from ..storage.outputs import atomic_write, check_file, written_to
 from ..text_table import terminal_width, text_table
@@ -260,62 +257,3 @@ def check_game(options: argparse.Namespace) -> int:
         print(f"{name:<{width}}  {text or 'ok'}", flush=True)
 
     return int(bool(check(scenario(options), **given_options(options, CheckOptions), passed=passed)))
-
-
-class NumberRow(NamedTuple):
-    """All that is declared of a number, in words; "" for what is not declared."""
-
-    name: str  # as for `Scenario.replace`
-    value: str  # in the scenario; if worlds or agents differ in it, what it is drawn from, or by role
-    default: str  # in the mechanic
-    allowed: str  # range, or choices
-    unit: str
-    about: str
-
-
-def scenario_rows(scenario: Scenario) -> list[NumberRow]:
-    """Return the numbers of a scenario, by mechanics."""
-    differing = {name: str(drawn) for name, drawn in scenario.varied}
-    roles = scenario.by_role.roles if scenario.by_role else ()
-    for name in scenario.by_role.numbers if scenario.by_role else ():
-        values = [(each.name, dict(each.numbers).get(name, scenario.numbers()[name])) for each in roles]
-        differing[name] = ", ".join(f"{role} {number_words(value)}" for role, value in values)
-    rows = [row for module in scenario.modules for row in number_rows(module)]
-    return [row._replace(value=differing.get(row.name, row.value)) for row in rows]
-
-
-def number_rows(module: Module) -> list[NumberRow]:
-    """Return the numbers of a mechanic, in the order of their declaration."""
-    return [
-        NumberRow(
-            f"{module.name}_{item.name}",
-            number_words(getattr(module, item.name)),
-            number_words(item.default),
-            allowed(item.default, item.metadata),
-            item.metadata.get("unit", ""),
-            item.metadata.get("about", ""),
-        )
-        for item in fields(module)
-    ]
-
-
-def number_words(value: Any) -> str:
-    """Return a number as it can be typed, rounded to six digits."""
-    if isinstance(value, tuple):
-        return ",".join(map(number_words, value))
-    return f"{value:.6g}" if isinstance(value, float) else str(value).lower() if isinstance(value, bool) else str(value)
-
-
-def allowed(default: Any, rule: Mapping[str, Any]) -> str:
-    """Return which values a number may have: "0 to 100000", "above 0", "masked, revealed"."""
-    if choices := rule.get("choices"):
-        return ", ".join(choices)
-    if isinstance(default, bool):
-        return "true, false"
-    ends = (rule.get(key, math.inf) for key in ("low", "above", "high"))  # infinite without a bound
-    low, above, high = (f"{end:.10g}" if math.isfinite(end) else "" for end in ends)
-    if above:
-        text = f"above {above}" + (f", up to {high}" if high else "")
-    else:
-        text = f"{low} to {high}" if low and high else f"at least {low}" if low else f"up to {high}" if high else ""
-    return f"each {text}" if isinstance(default, tuple) and text else text

@@ -9,8 +9,8 @@ import pytest
 import outlast
 from outlast import systems, variant
 from outlast.ecs import Archetype, Module, NumberError, number
-from outlast.envs.cli.games import number_rows
 from outlast.envs.cli.main import main
+from outlast.envs.scenarios.number_table import number_rows
 
 
 @dataclasses.dataclass(frozen=True)

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 import outlast
-from outlast.envs.cli.games import scenario_rows
 from outlast.envs.cli.main import main
+from outlast.envs.scenarios.number_table import scenario_rows
 from outlast.envs.text_table import terminal_width, text_table
 
 WORDS = [("a", "1 to 100000", "of the first"), ("b-c", "masked, revealed", "what it is, at some length"), ("d", "", "")]

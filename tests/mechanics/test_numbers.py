@@ -6,7 +6,7 @@ import pytest
 
 from outlast import systems
 from outlast.ecs import NumberError
-from outlast.envs.cli.games import number_rows
+from outlast.envs.scenarios.number_table import number_rows
 
 TABLE = Path(__file__).parents[1] / "golden" / "numbers.txt"
 
