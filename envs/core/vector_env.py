@@ -482,7 +482,7 @@ class SurvivalVectorEnv(Pictured, BatchedSpaces):
     def state(self, out: Any = None) -> Actions:
         """Return each world as one vector, for centralised critics. It includes what no agent sees.
 
-        `state_names` has the names of its columns, which global_state.GlobalState describes.
+        `state_names` has the names of its columns, which observations.GlobalState describes.
 
         Args:
             out: Memory to write it to: float32 (worlds, size), a numpy array or a tensor that can share memory with it.
