@@ -19,6 +19,7 @@ from .visible_rows import VisibleRows
 
 KINDS = ("dict", "flat", "rows")
 Arrays = dict[str, Array]
+POSE = ("x", "y", "angle")
 LIMIT = 10.0  # scaled values without a known range are clipped to it, as normalising wrappers do
 
 
@@ -253,9 +254,6 @@ def scaled(observations: Mapping[str, Array], fields: Fields) -> dict[str, Array
         Scale.of(named, row.shape[-1]).apply(row)
         found[key] = row
     return found
-
-
-POSE = ("x", "y", "angle")
 
 
 class Block(NamedTuple):

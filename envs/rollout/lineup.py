@@ -32,6 +32,7 @@ Entries = list[tuple[str | Policy, float]]  # a name, a path or a function, with
 ROLES = 2
 OWN = re.compile(r".+\.py:[^\W\d]\w*|[^\W\d]\w*(\.[^\W\d]\w*)+:[^\W\d]\w*")  # policies in users' files and modules
 OWN_AS = "FILE.py:FUNCTION"  # what such a policy is named by
+PLAYED = ("against", "own_side", "result")  # columns that tables of episodes get: text, int, text
 
 OWNERS = weakref.WeakValueDictionary[int, "Lineup"]()  # who plays a policy with a memory, by the policy's id
 STREAM = np.uint64(0x6D697874757265)  # "mixture"; makes draws differ from others in the same world and episode
@@ -277,9 +278,6 @@ def _same(policy: str | Policy) -> object:
     if isinstance(policy, str) and is_saved(policy) and policy not in models():
         return os.path.realpath(policy)
     return policy
-
-
-PLAYED = ("against", "own_side", "result")  # columns that tables of episodes get: text, int, text
 
 
 class Standings:

@@ -26,6 +26,11 @@ from outlast.ecs.kernels.errors import did_you_mean
 from ..errors import UsageError, needed
 from ..scenarios.scenario import Scenario
 
+RESULTS = Path(__file__).resolve().parents[2] / "results"  # of a checkout; a wheel has none
+HERE = "results"  # of a checkout that is the working directory, from which outlast may have been installed
+ADDRESS = "OUTLAST_RESULTS_URL"  # the variable that names another place of results
+LABEL = "Results"  # of the address in the project's metadata
+SECONDS = 30  # that a server may be silent
 TABLE = Path(__file__).with_name("models.csv")
 ENDINGS = ".zip", ".safetensors"  # of saved policies: a checkpoint of a run, or weights alone
 SAVED_AS = "a model's name, FILE.zip, FILE.safetensors or the folder of a run"  # what a saved policy is named by
@@ -175,13 +180,6 @@ def common_scenario(scenario: Scenario, players: Sequence[Any]) -> Scenario:
     fitting: list[Scenario] = [scenario, *(player.scenario(scenario) for player in players)]
     revealed = (each for each in fitting if each.numbers().get("cameras_mode") == REVEALED)
     return next(revealed, fitting[-1])
-
-
-RESULTS = Path(__file__).resolve().parents[2] / "results"  # of a checkout; a wheel has none
-HERE = "results"  # of a checkout that is the working directory, from which outlast may have been installed
-ADDRESS = "OUTLAST_RESULTS_URL"  # the variable that names another place of results
-LABEL = "Results"  # of the address in the project's metadata
-SECONDS = 30  # that a server may be silent
 
 
 def kept_file(file: str, sha256: str, what: str) -> Path:
