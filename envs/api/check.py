@@ -103,8 +103,8 @@ class _Game:
         self.first = [*self.played(self.env)]
 
     def make(self, worlds: int = 0, first_world: int = 0, interpret: tuple[str, ...] = ()) -> SurvivalVectorEnv:
-        count, where = worlds or self.worlds, {"seed": self.seed, "first_world": first_world}
-        return make_vec(self.scenario, count, **where, interpret=interpret)  # type: ignore[arg-type]
+        count = worlds or self.worlds
+        return make_vec(self.scenario, count, seed=self.seed, first_world=first_world, interpret=interpret)
 
     def played(self, env: SurvivalVectorEnv) -> Iterator[Moment]:
         """Yield what a reset and each step return, and keep the state in the middle."""
