@@ -65,6 +65,9 @@ class SurvivalEnv(OneWorldAdapter, gymnasium.Env[Observation, Array]):
     * action_masks: Whether info has "action_mask", int8 (entries,): what `action_masks` returns.
     * numbers: Numbers of the scenario to change, as for `Scenario.replace`.
 
+    ## Version History
+    v1: the rules of the paper's runs.
+
     Pickles and copies by copy.copy hold how an environment was made, not its state: the new environment has not been
     reset. Use `get_state` and `set_state` for the state. A copy by copy.deepcopy goes on from where this one is.
     """
