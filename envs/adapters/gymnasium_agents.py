@@ -239,8 +239,8 @@ def make_agents(
 
     >>> env = outlast.adapters.make_agents("teams_3", 1024, seed=0, melee_damage=20)  # 4096 sub-environments
 
-    Arguments, numbers and errors are those of `outlast.make_vec`, with two more: max_episode_steps, the ticks after
-    which a world is truncated, sets the scenario's ending_limit; actions and masks have an entry per sub-environment.
+    Arguments, numbers and errors are those of `outlast.make_vec`, with actions and masks for each sub-environment.
+    max_episode_steps, the ticks after which a world is truncated, sets the scenario's ending_limit.
     """
     asked = requested(make_agents, scenario, numbers, max_episode_steps)
     return SurvivalAgentVectorEnv(asked, num_worlds, **world_options(locals()))
