@@ -139,7 +139,7 @@ def _staged(name: str, place: Path) -> Iterator[None]:
             os.environ[ROOT] = str(hidden)
             yield
         finally:
-            del os.environ[ROOT]
+            os.environ.pop(ROOT, None)  # Ctrl-C may have come before it was set
             os.environ.update({} if kept is None else {ROOT: kept})
         if (namespace := parse_dataset_id(name)[0]) and namespace not in list_local_namespaces():
             create_namespace(namespace)
