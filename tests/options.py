@@ -19,7 +19,7 @@ from typing import Any
 from outlast import systems
 from outlast.ecs import Module
 from outlast.envs.api import check, film, play, rollout
-from outlast.envs.core.options import default_of, options_of
+from outlast.envs.api.options import default_of, options_of
 from outlast.envs.rendering.layers import FILM_LAYERS_BY_NAME
 from outlast.envs.rollout.policies import POLICIES
 from outlast.training.base import config

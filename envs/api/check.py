@@ -14,13 +14,13 @@ import numpy as np
 from outlast.ecs import EngineError
 from outlast.ecs.kernels.integers import is_whole
 
-from ..core.options import PLAY, option
 from ..core.validation import Array
 from ..core.vector_env import SurvivalVectorEnv
 from ..rollout.policies import random_policy
 from ..scenarios.parse import resolve
 from ..scenarios.scenario import Scenario
 from .make import make_vec
+from .options import PLAY, option
 
 Moment = dict[str, Array]  # the arrays that a step returns, by name: (worlds, ...)
 

@@ -12,7 +12,6 @@ from typing import Any, Unpack
 from outlast.ecs import Worlds
 from outlast.ecs.kernels.integers import is_whole
 
-from ..core.options import PLAY, option
 from ..core.validation import check_count
 from ..errors import FilmError
 from ..recording import Recording, Replay
@@ -27,6 +26,7 @@ from ..rollout.local import ticks
 from ..scenarios.known_numbers import Numbers
 from ..scenarios.parse import checks_keywords, options_of, resolve
 from ..scenarios.scenario import Scenario
+from .options import PLAY, option
 from .rollout import check_decided, worlds_of
 
 LOGGER = logging.getLogger(__name__)

@@ -9,7 +9,6 @@ from typing import Any, Unpack
 
 from outlast.ecs.kernels.integers import is_whole
 
-from ..core.options import OUTPUT, PLAY, option
 from ..errors import PlayError
 from ..rollout.lineup import Others, entries_of, load_policies
 from ..rollout.saved import text_of
@@ -17,6 +16,7 @@ from ..scenarios.known_numbers import Numbers
 from ..scenarios.parse import checks_keywords, options_of, resolve
 from ..scenarios.scenario import Scenario
 from ..web.gate import HOST, Site, announce
+from .options import OUTPUT, PLAY, option
 
 FASTEST = 1000  # ticks per second
 PAGE = "page"  # the title of a group of options

@@ -9,7 +9,6 @@ from typing import Any, Unpack
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from ..core.options import MACHINE, OUTPUT, PLAY, option
 from ..core.validation import Array, check_count
 from ..core.vector_env import SurvivalVectorEnv
 from ..errors import UsageError
@@ -25,6 +24,7 @@ from ..scenarios.parse import checks_keywords, options_of, resolve
 from ..scenarios.scenario import Scenario
 from ..storage.interrupts import left_whole
 from .make import make_vec
+from .options import MACHINE, OUTPUT, PLAY, option
 
 WORLDS = 1024  # how many worlds play by default
 

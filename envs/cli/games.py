@@ -16,7 +16,7 @@ from outlast.systems import Walls
 
 from ..api.check import CHECKS, CheckOptions, check
 from ..api.make import make_vec
-from ..core.options import GAME, OUTPUT, PLAY
+from ..api.options import GAME, OUTPUT, PLAY
 from ..errors import ScenarioError, UsageError
 from ..rendering.canvas import png
 from ..rendering.rgb import check_pictures, footage, near_square

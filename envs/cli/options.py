@@ -13,7 +13,7 @@ from typing import Any, TextIO
 
 from outlast.ecs import NumberError
 
-from ..core.options import GAME, OUTPUT, Option, default_of, flag_of, help_of, options_of
+from ..api.options import GAME, OUTPUT, Option, default_of, flag_of, help_of, options_of
 from ..errors import RecordingError, ScenarioError, UsageError
 from ..progress import above_bars
 from ..rollout.lineup import checked_entries, parse_lineup

@@ -20,9 +20,9 @@ from outlast.ecs.kernels.errors import OutlastError
 
 from ..api.film import PICTURES, REPLAYED, Count, FilmOptions, Looks, film, write_film_of
 from ..api.make import make_vec
+from ..api.options import MACHINE, OUTPUT
 from ..api.play import FASTEST, PageOptions, PlayOptions, play
 from ..api.rollout import RolloutOptions, check_files, prepared, worlds_of
-from ..core.options import MACHINE, OUTPUT
 from ..datasets.export import check_new, export_dataset
 from ..datasets.samples import Selection
 from ..errors import ClusterError, RecordingError, ReplayError, UsageError, needed

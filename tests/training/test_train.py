@@ -17,8 +17,8 @@ import pytest
 
 import outlast
 from outlast.ecs import NumberError
+from outlast.envs.api.options import flag_of, options_of
 from outlast.envs.cli.main import parser
-from outlast.envs.core.options import flag_of, options_of
 from outlast.envs.errors import UsageError
 from outlast.envs.rollout.saved import CHECKPOINT
 from outlast.training.base.config import RunOptions, TrainingConfig

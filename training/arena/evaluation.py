@@ -11,7 +11,7 @@ import numpy as np
 
 from outlast.envs.api.film import Looks, write_film_of
 from outlast.envs.api.make import make_vec
-from outlast.envs.core.options import check_options
+from outlast.envs.api.options import check_options
 from outlast.envs.core.spaces import fewest_sides
 from outlast.envs.progress import Progress
 from outlast.envs.recording import Recording, Replay, record

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 from outlast.components import Return
 from outlast.ecs.checks.code_hash import full_name
 from outlast.ecs.kernels.integers import as_whole
-from outlast.envs.core.options import check_options, default_of, option, options_of
+from outlast.envs.api.options import check_options, default_of, option, options_of
 from outlast.envs.levels import Level
 from outlast.envs.rollout.lineup import checked_entries, parse_lineup
 from outlast.envs.rollout.policies import POLICIES as NAMED

@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from outlast.ecs.kernels.available import available_cores
+from outlast.envs.api.options import options_of
 from outlast.envs.cli.grammar import add_command
 from outlast.envs.cli.options import STOPPED, add_options, add_scenario, given_options, output, positive, scenario, seed
-from outlast.envs.core.options import options_of
 from outlast.envs.errors import needed
 from outlast.envs.rollout.saved import checkpoints
 

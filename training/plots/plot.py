@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from outlast.envs.core.options import option
+from outlast.envs.api.options import option
 from outlast.envs.errors import needed
 
 from ..base.errors import TrainingError

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from outlast.envs.api.options import OUTPUT
 from outlast.envs.cli.grammar import add_command
 from outlast.envs.cli.options import output
-from outlast.envs.core.options import OUTPUT
 from outlast.envs.errors import needed
 
 from ..base.curves import KILLS, LENGTH, QUANTITIES, RETURN, EndValue, Quantity, average, end_value

@@ -11,9 +11,9 @@ from matplotlib.figure import Figure
 
 from outlast.components.hide_and_seek import HIDERS, SEEKERS
 from outlast.ecs import role
+from outlast.envs.api.options import OUTPUT
 from outlast.envs.cli.grammar import add_command
 from outlast.envs.cli.options import output, positive
-from outlast.envs.core.options import OUTPUT
 from outlast.envs.rollout.saved import checkpoints, runs_in, steps_of
 from outlast.envs.scenarios.parse import resolve
 from outlast.envs.scenarios.scenario import Scenario

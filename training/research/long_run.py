@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from outlast.envs.api.options import OUTPUT
 from outlast.envs.cli.grammar import add_command
 from outlast.envs.cli.options import output, positive
-from outlast.envs.core.options import OUTPUT
 from outlast.envs.rollout.lineup import parse_lineup
 from outlast.envs.rollout.saved import STEPS, checkpoints, steps_of
 from outlast.envs.scenarios.parse import resolve

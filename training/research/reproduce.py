@@ -11,9 +11,9 @@ from typing import Any
 
 import outlast
 from outlast.ecs.kernels.available import available_cores
+from outlast.envs.api.options import MACHINE, OUTPUT
 from outlast.envs.cli.grammar import add_command
 from outlast.envs.cli.options import STOPPED, add_quiet, nonnegative, output, positive
-from outlast.envs.core.options import MACHINE, OUTPUT
 from outlast.envs.errors import FilmError, install
 from outlast.envs.progress import Progress, above_bars
 from outlast.envs.rendering.films import compress, find_ffmpeg

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
-from outlast.envs.core.options import options_of
+from outlast.envs.api.options import options_of
 from outlast.envs.errors import needed
 from outlast.envs.rollout.saved import newest
 from outlast.envs.scenarios.known_numbers import Numbers

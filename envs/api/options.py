@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, field, fields, replace
 from typing import Any
 
-from .validation import check_choice, check_count, check_flags
+from ..core.validation import check_choice, check_count, check_flags
 
 MILLION = 10**6
 GAME, PLAY, OUTPUT, MACHINE = "game", "what is played", "output", "machine"  # titles of groups of options
