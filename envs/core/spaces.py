@@ -225,7 +225,7 @@ def statistics(worlds: Worlds, where: Array) -> dict[str, Array]:
     becomes one key for each: "deaths_zone".
     """
     columns = {key: values for key, (_, values) in _statistic_columns(worlds).items()}
-    columns |= {key: values for key, values in worlds.numbers().items() if values.dtype.kind in "bif"}
+    columns |= {key: values * 1 for key, values in worlds.numbers().items() if values.dtype.kind in "bif"}  # True: 1
     found, rows = dict[str, Array](), where.nonzero()[0]
     for key, values in columns.items():
         found[key] = ended = np.zeros(values.shape, values.dtype)
