@@ -226,7 +226,7 @@ def statistics(worlds: Worlds, where: Array) -> dict[str, Array]:
     """
     columns = {key: values for key, (_, values) in _statistic_columns(worlds).items()}
     columns |= {key: values * 1 for key, values in worlds.numbers().items() if values.dtype.kind in "bif"}  # True: 1
-    found, rows = dict[str, Array](), where.nonzero()[0]
+    found, rows = dict[str, Array](), slice(None) if where.all() else where.nonzero()[0]
     for key, values in columns.items():
         found[key] = ended = np.zeros(values.shape, values.dtype)
         ended[rows] = values[rows]
@@ -325,7 +325,7 @@ def agent_statistics(worlds: Worlds, statistics: Mapping[str, Array], agents: sl
     side, and its world's otherwise; 0 for absent agents. agents: Which agents of a world to return.
     """
     known, sides, own = statistic_dims(worlds), side(worlds)[:, agents], dict[str, Array]()
-    of_sides = np.arange(len(sides))[:, None], np.maximum(sides, 0)
+    of_sides, absent = (np.arange(len(sides))[:, None], np.maximum(sides, 0)), sides < 0
     for key, values in statistics.items():
         match known.get(key, ()):
             case ("agents",):
@@ -334,5 +334,6 @@ def agent_statistics(worlds: Worlds, statistics: Mapping[str, Array], agents: sl
                 own[key] = values[of_sides]
             case _:
                 own[key] = np.repeat(values[:, None], sides.shape[1], axis=1)
-        own[key][sides < 0] = 0
+    for values in own.values() if absent.any() else ():
+        values[absent] = 0
     return own
