@@ -542,6 +542,15 @@ def test_hostile_archives_are_refused(tmp_path: Path, monkeypatch, name: str, co
     assert not (tmp_path.parent.parent / "escape").exists()
 
 
+def test_agents_that_marl_eval_cannot_tell_apart_stop_no_table(results: Path, tmp_path: Path, caplog) -> None:
+    found = scores.scores([manifest.read(results)])
+    for own in found["budgets"].values():
+        own["compared"] = ["fast", "Fast"]
+        own["tasks"] = {task: each | {"Fast": each["fast"]} for task, each in own["tasks"].items()}
+    assert "marl_eval-2048.json" not in {path.name for path in table.write(found, [], tmp_path / "tables")}
+    assert "marl_eval-2048.json is left out: " in caplog.text
+
+
 def test_tables_are_the_same_bytes_of_an_archive(results: Path, tmp_path: Path) -> None:
     pack(results, tmp_path / "a.zip", small=True)
     for source, out in ((results, "one"), (tmp_path / "a.zip", "two")):
