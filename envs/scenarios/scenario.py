@@ -380,9 +380,11 @@ class Scenario:
             return cls.from_json(read_text(path))
         except OSError as error:
             raise ScenarioError(f"{name} cannot be read: {error.strerror}") from error
+        except UnicodeDecodeError as error:
+            raise ScenarioError(f"{name} is not a text, and so not a scenario") from error
         except (ScenarioError, NumberError) as error:
             raise type(error)(f"{name}: {error}") from error
-        except ValueError as error:  # it is too large, or not a text
+        except ValueError as error:  # it is too large
             raise ScenarioError(f"{name} is not a scenario: {error}") from error
 
     def __getitem__(self, kind: type[Module] | str) -> Module:
