@@ -109,5 +109,8 @@ def test_without_blocks_nothing_changes_but_overlaps_at_the_start() -> None:
     assert_played_alike(variant("ffa_1"), variant("ffa_1").with_(systems.Walls()), scaled(100, least=2))
 
 
-def test_walls_exclude_each_other() -> None:
-    assert "maze" not in variant("ffa_1").with_(systems.Maze()).with_(systems.Rooms())
+def test_a_single_room_has_no_inner_walls() -> None:
+    for mechanic in (systems.Maze(columns=1), systems.Rooms(columns=1, rows=1)):
+        env = outlast.make_vec(variant("ffa_1").with_(systems.Maze()).with_(mechanic), 1, seed=0)
+        env.reset()
+        assert not env.worlds[Entity].alive[:, env.worlds.span("inner_wall")].any()

@@ -128,9 +128,5 @@ def test_it_is_an_observation_of_its_own_with_a_scale() -> None:
     field = env.fields["lidar"]["distance"]
     assert (field.size, field.scale, field.unit, field.low) == (5, 20.0, "m", 0)
     assert env.single_observation_space["lidar"].shape[-1] == 5
-    np.testing.assert_array_equal(
-        outlast.adapters.scaled(observations, env.fields)["lidar"], observations["lidar"] / 20
-    )
-    assert {key: array.shape for key, array in observations.items() if key in ("own", "others")} == {
-        key: array.shape for key, array in make_vec(EMPTY, 1).reset()[0].items() if key in ("own", "others")
-    }
+    scaled_down = outlast.adapters.scaled(observations, env.fields)["lidar"]
+    np.testing.assert_array_equal(scaled_down, observations["lidar"] / 20)

@@ -113,8 +113,3 @@ def test_what_cannot_be_is_refused(name: str) -> None:
     scenario = WIDE.without("cameras") if name == "without cameras" else WIDE
     with pytest.raises(NumberError, match=message):
         make(scenario, **numbers)
-
-
-def test_it_works_without_weapons() -> None:
-    scenario = WIDE.without("melee").with_(Preparation())
-    assert "preparation.hold_fire" not in [s.label for s in scenario.worlds(1).schedule.systems]
