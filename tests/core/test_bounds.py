@@ -9,6 +9,7 @@ import outlast
 from outlast import Scenario, make_vec, variant
 from outlast.ecs import DeclarationError
 from outlast.envs.rollout.policies import random_policy, scripted_policy
+from outlast.envs.scenarios.hide_and_seek import HIDE_2V2
 from outlast.systems import DropLast
 from tests.conftest import few_by_day, scaled
 from tests.helpers.execution_modes import SHORT, short
@@ -51,39 +52,51 @@ def test_every_observation_lies_within(name: str) -> None:
     assert all((box.low <= 0).all() and (box.high >= 0).all() for box in single.values())  # what is not there
 
 
-def row(name: str, key: str, scenario: Any = None) -> list[tuple[float, float]]:
+def row(game: Any, key: str) -> list[tuple[float, float]]:
     """The bounds of the last axis for the first agent (and entity)."""
-    box: Any = make_vec(scenario or variant(name), 1).single_observation_space[key]
+    box: Any = make_vec(game, 1).single_observation_space[key]
     low, high = (end.reshape(-1, end.shape[-1])[0].astype(float) for end in (box.low, box.high))
     return list(zip(low.tolist(), high.tolist(), strict=True))
 
 
+def holds(exact: list[tuple[float, float]], game: Any, key: str) -> bool:
+    """Whether bounds reach the exact ones, and exceed them by the rounding of float32 only."""
+    found = row(game, key)
+    assert found == [pytest.approx(ends, rel=1e-6) for ends in exact]
+    return all(low <= least and most <= high for (low, high), (least, most) in zip(found, exact, strict=True))
+
+
 def test_bounds_are_the_numbers_of_the_scenario() -> None:
     """By the rules: a room of 25 m; 4 agents in 2 teams; heals of 75; radii of the zone up to 12.5 m."""
-    free, place = (-INF, INF), (-12.5, 12.5)
-    assert row("teams_3", "own") == [(0, 3), (0, 1), free, place, place, free, free, free, free]
-    assert row("teams_3", "others") == row("teams_3", "own")
-    assert row("ffa_1", "own") == [(0, 1), free, place, place, free, free, free, free]
-    assert row("ffa_1", "own", variant("ffa_1").replace(mortality_limit=120))[1] == (-INF, 120)
-    assert row("ffa_1", "own", variant("ffa_1").replace(room_walls=False))[2:4] == [free, free]
-    assert row("ffa_1", "heals_mask")[0] == (0, 1)
+    free, place, bit, ffa_1 = (-INF, INF), (-12.5, 12.5), (0, 1), variant("ffa_1")
+    own = [(0, 3), bit, free, place, place, *[free] * 4]
+    assert row("teams_3", "own") == row("teams_3", "others") == own
+    assert row(variant("teams_3").roles(a=outlast.role(1), b=outlast.role(3)), "own") == [*own, bit, bit]
+    assert row("ffa_1", "own") == [bit, free, place, place, *[free] * 4]
+    assert row(ffa_1.replace(mortality_limit=120), "own")[1] == (-INF, 120)
+    assert row(ffa_1.replace(room_walls=False), "own")[2:4] == [free, free]
+    assert row("ffa_1", "heals_mask")[0] == bit
     assert row("ffa_1", "heal_slot") == [(0, 75)]
-    assert row("ffa_1", "zone") == [pytest.approx(ends, rel=1e-6) for ends in [place, place, (0, 12.5)] * 2]
-    far = variant("ffa_1").with_(DropLast(offset=2.0))
-    assert row("ffa_1", "heals") == [pytest.approx((-13, 13), rel=1e-6)] * 2  # scattered by 0.5 m at most
-    assert row("", "heals", far) == [pytest.approx((-14.5, 14.5), rel=1e-6)] * 2
+    assert holds([place, place, (0, 12.5)] * 2, "ffa_1", "zone")
+    assert holds([(-13, 13)] * 2, "ffa_1", "heals")  # scattered by 0.5 m at most
+    assert holds([(-14.5, 14.5)] * 2, ffa_1.with_(DropLast(offset=2.0)), "heals")
     corner = [(-4.8, 4.8), (-7.2, 7.2)] * 4  # half of 1 + 8.6 * 1, half of 1.5 + 8.6 * 1.5
     boxes = variant("ffa_3").replace(boxes_offset=0.75)
-    assert row("", "boxes", boxes) == [pytest.approx(e, rel=1e-6) for e in [*corner, *[(-13.25, 13.25)] * 2, free]]
-    assert row("", "box_items", boxes)[8:] == [pytest.approx((-13.25, 13.25), rel=1e-6)] * 2
-    assert row("", "box_slot", boxes) == [pytest.approx(ends, rel=1e-6) for ends in corner]
+    assert holds([*corner, *[(-13.25, 13.25)] * 2, free], boxes, "boxes")
+    assert holds([*corner, *[(-13.25, 13.25)] * 2], boxes, "box_items")
+    assert holds(corner, boxes, "box_slot")
+    thing, place = [bit, (-1, 1)], (-3, 3)
+    assert row(HIDE_2V2, "own") == [(0, 3), bit, place, place, *[free] * 4, (0, 12), bit, (0, 96)]
+    assert row(HIDE_2V2, "lidar") == [(0, 6)] * 30
+    assert row(HIDE_2V2, "ramps") == [place, place, *[free] * 4, *thing]
+    assert row(HIDE_2V2, "crates") == [place, place, *[free] * 6, *thing]  # and two sides
 
 
 def test_a_single_value_leaves_room_for_another_one() -> None:
     """Or wrappers that rescale would divide by 0."""
     scenario = variant("ffa_1").replace(n_agents=1, heals_amount=0)
-    assert row("", "own", scenario)[0] == (0, 1)
-    assert row("", "heal_slot", scenario) == [(0, 1)]
+    assert row(scenario, "own")[0] == (0, 1)
+    assert row(scenario, "heal_slot") == [(0, 1)]
 
 
 def said(key: str, ends: Any) -> Scenario:
@@ -91,14 +104,14 @@ def said(key: str, ends: Any) -> Scenario:
 
 
 def test_of_what_several_modules_say_the_widest_counts() -> None:
-    assert row("", "heal_slot", said("heal_slot", {"amount": (-5, 20)})) == [(-5, 75)]
-    assert row("", "heal_slot", said("heal_slot", {"amount": (0, 200)})) == [(0, 200)]
-    assert row("", "heals_mask", said("heals_mask", (-5, 5)))[0] == (0, 1)
-    assert row("", "own", said("boxes", {"x": (0, 1)})) == row("ffa_1", "own")  # which are left out here
+    assert row(said("heal_slot", {"amount": (-5, 20)}), "heal_slot") == [(-5, 75)]
+    assert row(said("heal_slot", {"amount": (0, 200)}), "heal_slot") == [(0, 200)]
+    assert row(said("heals_mask", (-5, 5)), "heals_mask")[0] == (0, 1)
+    assert row(said("boxes", {"x": (0, 1)}), "own") == row("ffa_1", "own")  # which are left out here
     further = said("own", {"x": (-20, 1)})
-    assert row("", "own", further)[2:4] == row("", "others", further)[2:4] == [(-20, 12.5), (-12.5, 12.5)]
+    assert row(further, "own")[2:4] == row(further, "others")[2:4] == [(-20, 12.5), (-12.5, 12.5)]
     narrow = [(-5, 5) if k == 7 else pair for k, pair in enumerate(row("ffa_1", "own"))]
-    assert row("", "own", said("own", {"omega": (-5, 5)})) == narrow
+    assert row(said("own", {"omega": (-5, 5)}), "own") == narrow
 
 
 def test_bounds_that_cannot_be_are_refused() -> None:
