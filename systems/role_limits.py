@@ -77,7 +77,7 @@ def _limiter(found: tuple[Limit, ...]) -> Module:
     kind: Any = type("RoleLimits", (Module,), own)
     order = list[tuple[type[Singleton], str]]()
     for component, k, bits in found:
-        system = _stop(component, k, bits) if issubclass(component, Action) else _hide(component, k, bits)
+        system = _limit(component, k, bits)
         system.__name__ = system.__qualname__ = f"limit_{[*component.columns][k]}"
         earlier = tuple(label for other, label in order if other is component)
         # actions before they are read; observations after all have been written, and before they are returned
@@ -87,19 +87,10 @@ def _limiter(found: tuple[Limit, ...]) -> Module:
     return made
 
 
-def _stop(component: Any, k: int, bits: int) -> Any:
-    def stop(action: Write[component], roles: Read[AgentRoles], agents: Rows[Side]) -> None:
-        for i in range(agents.size):
-            if roles.role[i] >= 0 and bits >> roles.role[i] & 1:
-                action[k][i] = 0
-
-    return stop
-
-
-def _hide(component: Any, k: int, bits: int) -> Any:
-    def hide(view: Write[component], roles: Read[AgentRoles], agents: Rows[Side]) -> None:
+def _limit(component: Any, k: int, bits: int) -> Any:
+    def limit(view: Write[component], roles: Read[AgentRoles], agents: Rows[Side]) -> None:
         for i in range(agents.size):
             if roles.role[i] >= 0 and bits >> roles.role[i] & 1:
                 view[k][i] = 0
 
-    return hide
+    return limit
