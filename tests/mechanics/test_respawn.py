@@ -13,6 +13,7 @@ from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.envs.rollout.policies import scripted_policy
 from outlast.systems import Preparation, Respawn
 from tests.conftest import COMPILED, draw_actions, scaled
+from tests.helpers.mechanics import idle
 
 WORLDS, DELAY, LIMIT = scaled(60, least=3), 7, scaled(250, least=40)
 FIGHT = (
@@ -64,13 +65,15 @@ def test_who_comes_back_is_new_and_at_rest() -> None:
         worlds[Health].points[:, :4][info["alive"] & (rng.random(info["alive"].shape) < 0.5)] = 0
         worlds[Return].tick[:, :4][worlds[Return].tick[:, :4] > 0] = 0  # now
         before = info["alive"]
-        noop = np.broadcast_to(env.noop, (env.num_worlds, 4, len(env.noop)))
-        *_, info = env.step(noop)
-        back, body = info["alive"] & ~before, worlds[Body]
-        assert (worlds[Health].points[:, :4][back] <= 15).all()
+        *_, info = env.step(idle(env))
+        back, body, health = info["alive"] & ~before, worlds[Body], worlds[Health]
+        assert (health.points[:, :4][back] <= 15).all()
         for column in (body.vx, body.vy, body.omega, body.angle):
             assert not column[:, :4][back].any()
-        found += back.sum()
+        unhurt = back & (health.points[:, :4] == 15)  # by the zone, since
+        for column in (*worlds[Died][1:], health.damage_type, health.source, health.fatal_tick):
+            assert (column[:, :4][unhurt] == -1).all()
+        found += unhurt.sum()
     assert found > 0
 
 
@@ -80,7 +83,7 @@ def test_ticks_without_attack_pass_for_the_dead_too(waits: str) -> None:
     game = game.with_(Preparation(ticks=20)) if waits == "preparation" else game.replace(melee_cooldown=20)
     env, struck = make_vec(game, 1, seed=0), {0: [], 1: []}
     env.reset()
-    actions = np.tile(env.noop, (1, 2, 1))
+    actions = idle(env)
     actions[..., 3] = 1
     if waits == "cooldown":
         env.worlds[Weapon].cooldown[0, :2] = 20
@@ -98,15 +101,15 @@ def test_where_they_come_back_is_spread_over_the_room() -> None:
     env = make(scenario, worlds=scaled(4000, least=200))
     env.reset()
     env.worlds[Health].points[:, 0] = 0
-    noop = np.broadcast_to(env.noop, (env.num_worlds, 2, len(env.noop)))
-    *_, first = env.step(noop)
-    *_, second = env.step(noop)
+    *_, first = env.step(idle(env))
+    *_, second = env.step(idle(env) + np.eye(6, dtype=int)[0])
     assert not first["alive"][:, 0].any()
     assert second["alive"].all()
     body = env.worlds[Body]
     counts = np.histogram2d(body.x[:, 0], body.y[:, 0], bins=4, range=[[-12.5, 12.5]] * 2)[0]
     assert counts.min() > (0.5 if COMPILED else 0.25) * counts.mean()
     assert np.unique(body.x[:, 0]).size > 0.99 * env.num_worlds
+    assert np.median((body.vx[:, 0], abs(body.vy[:, 0])), 1) == pytest.approx([0.30988, 0], abs=1e-5)  # along +x
 
 
 def test_roles_have_delays_and_health_of_their_own() -> None:
@@ -114,8 +117,7 @@ def test_roles_have_delays_and_health_of_their_own() -> None:
     env = make(FIGHT.replace(room_size=25.0).roles(**roles), worlds=20)
     env.reset()
     env.worlds[Health].points[:, :4] = 0
-    noop = np.broadcast_to(env.noop, (20, 4, len(env.noop)))
-    lives = [env.step(noop)[-1]["alive"].mean(0).tolist() for _ in range(7)]
+    lives = [env.step(idle(env))[-1]["alive"].mean(0).tolist() for _ in range(7)]
     assert lives[0] == [0, 0, 0, 0]
     assert lives[1][2:] == [1, 1]
     assert lives[4][:2] == [0, 0]
@@ -133,11 +135,10 @@ def test_nobody_comes_back_into_a_full_room() -> None:
     worlds[Body].x[:, box], worlds[Body].y[:, box] = 0, 0
     worlds[Entity].alive[:, :4] = 0
     worlds[Return].tick[:, :4] = 0
-    noop = np.broadcast_to(env.noop, (2, 4, len(env.noop)))
     for _ in range(5):
-        assert not env.step(noop)[-1]["alive"].any()
+        assert not env.step(idle(env))[-1]["alive"].any()
     worlds[Entity].alive[:, box] = 0
-    assert env.step(noop)[-1]["alive"].any()
+    assert env.step(idle(env))[-1]["alive"].any()
 
 
 def test_an_episode_with_respawn_has_a_limit() -> None:
