@@ -69,7 +69,7 @@ FOLDERS = "tests/core tests/engine tests/mechanics tests/physics"
 COVERED = f"NUMBA_DISABLE_JIT=1 python -m pytest --cov --cov-context=test --cov-report= --timeout=1200 {FOLDERS}"
 NARROW, FILES = 25, 2  # tests that are tried first, and files that are tried then: those that execute little else
 NUMBERS = "numbers scenario"  # where a number of a module is declared
-ORACLES = "edges observations bodies digests"  # tried at last: they compare all of a game with something independent
+ORACLES = "edges observations bodies digests bounds numbers"  # tried at last: they compare all of a game
 SLOW = ("fidelity_rules.py::test_the_longest_life_without_heals", "scenario.py::test_what_is_left_runs")
 
 # ---- mutants
