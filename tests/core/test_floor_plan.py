@@ -28,7 +28,6 @@ PLAN = FloorPlan(walls=[(0, 0, 6, 0.4), (1, 2, 3, 0.5, 0.7)], starts=[(0, -8, 0,
 
 
 def test_a_drawing() -> None:
-    """One rectangle for what is one; y grows upwards, and the middle of the text is the origin."""
     plan = FloorPlan.from_text(DRAWING, cell=2.0)
     assert (plan.width, plan.height) == (20.0, 12.0)
     sides = {(-9, -1, 2, 10, 0), (9, -1, 2, 10, 0)}
@@ -148,7 +147,6 @@ AA....#....BB
 
 @pytest.mark.parametrize("mechanic", [systems.Maze(), systems.Rooms(doors=0.0), systems.Pillars()])
 def test_what_is_drawn_is_one_part_for_agents_and_several_for_who_is_wider(mechanic: Any) -> None:
-    """Of the same size as those of the naive flood fill, which the walls of the world decide, too."""
     env = outlast.make_vec(variant("ffa_1").with_(mechanic), scaled(3), seed=0)
     env.reset()
     for w in range(env.num_worlds):

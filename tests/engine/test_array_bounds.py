@@ -79,7 +79,6 @@ def test_each_attribute_of_a_column_is_checked_or_refused(name: str) -> None:
     ],
 )
 def test_an_index_behind_the_end_raises_however_the_array_was_made(reach: Any) -> None:
-    """Also in functions of outlast that get an array of the system's own."""
     worlds = run(worlds_with(reaching(reach)), RESET)
     with pytest.raises(IndexError):
         run(worlds, STEP)

@@ -42,7 +42,6 @@ def test_control_groups_limit_cores_and_memory(host: str, tmp_path: Path, monkey
 
 
 def test_without_control_groups_the_machine_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As on macOS and Windows, which have no affinity either."""
     monkeypatch.setattr(available, "PROC", tmp_path)
     monkeypatch.delattr(os, "sched_getaffinity", raising=False)
     assert available_cores() == os.cpu_count()

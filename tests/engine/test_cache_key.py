@@ -93,7 +93,6 @@ def key_of(value: Any) -> str:
 
 @pytest.mark.parametrize("pair", CONSTANTS)
 def test_constants_of_another_type_or_other_bits_have_another_key(pair: tuple[Any, Any]) -> None:
-    """However numpy prints them, which changes no key."""
     keys = [key_of(value) for value in pair]
     assert keys[0] != keys[1]
     for options in PRINTING.values():
@@ -116,7 +115,6 @@ REFERENCES = {  # definitions of another file, and how a kernel refers to the nu
 
 @pytest.mark.parametrize("kind", REFERENCES)
 def test_what_a_kernel_refers_to_in_another_file_is_in_its_key(kind: str) -> None:
-    """Which numba's own key misses. A number beside it is not."""
     definitions, expression = REFERENCES[kind]
     keys = []
     for text in (definitions, f"{definitions}\nOTHER = 7", definitions.replace("1", "3")):
@@ -155,7 +153,6 @@ def test_every_setting_of_numba_is_known() -> None:
 
 @pytest.mark.parametrize("name", [*SETTINGS, *IGNORED])
 def test_settings_that_change_machine_code_change_the_key(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """And no other ones do. A change counts in a running process, too."""
     before = key_of(1)
     monkeypatch.setattr(numba.config, name, "another value", raising=False)
     assert (key_of(1) != before) == (name not in IGNORED)

@@ -72,7 +72,6 @@ def acting(parameters: str, line: str, phase: Phase, interpret: bool, game: outl
 def test_integers_that_a_column_cannot_hold_are_refused(
     parameters: str, line: str, phase: Phase, words: str, interpret: bool
 ) -> None:
-    """Ahead of the first system that would take them for an index, or for bits."""
     env = acting(parameters, line, phase, interpret)
     with pytest.raises(RangeError, match=words):
         env.step(idle(env))

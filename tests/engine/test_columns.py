@@ -46,7 +46,6 @@ class FromStart(np.ndarray):
 @compiled_only
 @pytest.mark.parametrize("name", ["ffa_1", "teams_3", *few_by_day(LEVELS, ())])
 def test_no_kernel_of_outlast_counts_from_the_end(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every system as Python, on arrays that refuse it."""
     made = arguments._python_array
     monkeypatch.setattr(arguments, "_python_array", lambda *given: made(*given).view(FromStart))
     game = short(name).replace(physics_backend="portable")
@@ -84,7 +83,6 @@ def test_a_negative_index_that_is_known_is_refused(function: Any, kind: Any) -> 
 
 @compiled_only
 def test_parts_of_columns_are_columns() -> None:
-    """Rows and slices; and what is read-only stays so."""
     assert TABLE.copy(ndim=1) == ROW
     assert READ_ONLY.copy(ndim=1) == ColumnType(types.float32, 1, readonly=True)
     assert READ_ONLY.copy(ndim=1) != ROW
@@ -94,8 +92,6 @@ def test_parts_of_columns_are_columns() -> None:
 
 @compiled_only
 def test_units_of_others_have_arrays_that_count_from_the_end_and_are_checked() -> None:
-    """By the module of the system's function."""
-
     def last(place: Read[Place], rows: Rows[Place]) -> None:
         if place.x[-1] != place.x[place.x.size - 1]:
             raise ValueError("not the last one")

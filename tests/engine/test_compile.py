@@ -126,7 +126,6 @@ def rest(energy: Add[Energy], rows: Rows[Energy]) -> None:
 @pytest.mark.skipif(sys.platform != "linux", reason="others compile in one process")
 @pytest.mark.parametrize("killed", [False, True])
 def test_several_processes_compile_the_same(cold: Path, monkeypatch: pytest.MonkeyPatch, killed: bool) -> None:
-    """What a fork did not compile, as where it was killed for want of memory, is compiled here."""
     monkeypatch.setattr(cache, "_cores", lambda: 3)
     monkeypatch.setattr(cache, "UNITS_PER_PROCESS", 1)
     monkeypatch.setattr(threading, "active_count", lambda: 1)
@@ -138,7 +137,6 @@ def test_several_processes_compile_the_same(cold: Path, monkeypatch: pytest.Monk
 
 
 def test_the_source_of_a_tick() -> None:
-    """Each system is a function, in the order of the schedule, under its phase."""
     worlds = make()
     source = worlds.source()
     labels, zero = re.findall(r"def unit.*# (.*)", source), "zero tests.helpers.toy_game.Pay.pay (reset, step)"
@@ -159,8 +157,6 @@ def test_the_source_of_a_tick() -> None:
 
 @compiled_only
 def test_a_kernel_prints(cold: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    """Also from machine code that was loaded from disk."""
-
     def act(rows: Rows[Energy]) -> None:
         print("rows:", rows.size)
 
@@ -235,7 +231,6 @@ def adder(amount: Callable[[], int]) -> Module:
 
 
 def test_another_function_of_the_name_is_refused() -> None:
-    """One of the same place that differs in what encloses it, too."""
     enclosed = adder(kernel(lambda: 1))
     type(enclosed).system(Phase.FEED)(adder(kernel(lambda: 2)).registered[0].function)
     with pytest.raises(ScheduleError, match=r"two systems are called local\.act"):

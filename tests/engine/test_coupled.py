@@ -77,7 +77,6 @@ def test_mechanics_compute_bounds_and_masses_behind_a_system_of_a_reset() -> Non
 
 @pytest.mark.parametrize("phase", [Phase.MOVE, Phase.SPAWN])
 def test_a_body_faces_its_angle(phase: Any) -> None:
-    """A prefab's cosine and sine follow, too."""
     env = played(turn_all, phase)
     entity = env.worlds.entity(env.worlds.span("door").start)
     assert entity.Body.angle == pytest.approx(ANGLE + 0.1)

@@ -211,7 +211,6 @@ def test_a_dimension_of_outlasts_is_not_added_to(dim: str, owner: str, monkeypat
 
 
 def test_the_room_of_events_is_added_to() -> None:
-    """As more can happen in a tick."""
     before, after = (game.worlds(1).dims for game in (DUEL, DUEL.with_(mechanic("Mine", dims={"hits": 5}))))
     assert after == before | {"hits": before["hits"] + 5, "capacity of hit": before["capacity of hit"] + 5}
 
@@ -272,7 +271,6 @@ def test_a_mechanic_is_a_dataclass_of_any_form(form: str) -> None:
 
 
 def test_numbers_take_the_type_of_their_annotation() -> None:
-    """On which the compiled tick depends: 2 and 2.0 for a stride must not compile two ticks."""
     assert type(numbered("float", number(2)).speed) is float
     walkers = Walkers(count=np.int64(2), stride=2)
     assert (type(walkers.count), type(walkers.stride)) == (int, float)
@@ -588,8 +586,6 @@ def test_a_label_stands_for_systems_that_inherit_or_replace_it() -> None:
 
 
 def test_a_component_without_columns_marks_entities() -> None:
-    """A marker has rows, and no table."""
-
     Late = type("Late", (Component,), {})  # noqa: N806
     marks = kind("Marks", Toy, archetypes=[Archetype("walker", (Late(),))])
 

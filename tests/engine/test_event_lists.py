@@ -107,7 +107,6 @@ def test_a_list_holds_what_happened_in_this_tick() -> None:
 
 
 def test_events_are_rows_of_arrays() -> None:
-    """Lists are emptied when a world goes on, and only then."""
     worlds = walked(belfry(), 2)
     run(worlds, [SKIP, STEP, RESET])
     assert worlds[Ring].count[:, 0].tolist() == [12, 0, 0]
@@ -127,7 +126,6 @@ def test_events_are_rows_of_arrays() -> None:
 
 
 def test_an_entry_begins_as_zeros() -> None:
-    """The systems write one of three marks; what was there before is gone."""
     worlds = walked(belfry(times=1), 4)
     for values in worlds[Ring][:-1]:
         values[:] = 77
@@ -136,8 +134,6 @@ def test_an_entry_begins_as_zeros() -> None:
 
 
 def test_the_state_of_a_world_is_as_without_events() -> None:
-    """They lie beside it, so that files of worlds fit whatever events there are."""
-
     silent = mechanic("Silent", Toy, singletons=[Ring(), Birth()])
     one, other = walked(make(count=4), 3), walked(make(*GAME, silent, count=4), 3)
     assert (one.block == other.block).all()
@@ -243,7 +239,6 @@ def test_impossible_events_are_refused(declaration: dict[str, Any], words: str) 
 
 
 def test_events_are_refused_in_a_game() -> None:
-    """Two of one name, and an Add, which says that the order is free."""
     other = mechanic("Other", Toy, singletons=[type("Ring", (Event,), {"agent": column("i4")}, capacity=1)()])
     with pytest.raises(DeclarationError, match=r"test_event_lists\.Ring and .* are both the event 'ring'; rename"):
         make(*GAME, Bell(), other)

@@ -198,7 +198,6 @@ def test_handlers_of_the_program_do_not_run_in_a_fork(forks: Forks, number: int,
 
 
 def test_forks_end_after_their_parent_was_killed(forks: Forks) -> None:
-    """With the unit that they have begun."""
     reading, writing = os.pipe()
 
     def work(label: str) -> None:

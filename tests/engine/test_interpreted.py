@@ -30,8 +30,6 @@ compiled_only = pytest.mark.skipif(not COMPILED, reason="compares with machine c
 @compiled_only
 @pytest.mark.parametrize("threads", [1, 3])
 def test_single_systems_run_as_python(capsys: pytest.CaptureFixture[str], threads: int) -> None:
-    """With Python's own print and errors, among others that stay machine code."""
-
     def act(place: Read[Place], rows: Rows[Place]) -> None:
         print("rows", rows.size)
         if place.x[rows[0]] < -1000:
@@ -137,7 +135,6 @@ def gather(wind: Write[Wind], energy: Write[Energy], place: Read[Place], rows: R
 
 
 def test_rows_can_be_gathered_copied_and_sorted() -> None:
-    """numpy's ways to take several rows at once: compiled and as Python."""
     game, found = (*toy_game.GAME, toy_game.system_of(gather, after=(Energy, Wind))), []
     for interpret in ((), ("local.gather",)):
         found.append(toy_game.run(Worlds(game, 2, interpret=interpret), RESET, STEP)[Wind].push.copy())

@@ -97,7 +97,6 @@ def shift(place: Write[Place], rows: Rows[Place]) -> None:
     "options", [{}, {"threads": 2}, {"interpret": ("looks.look_1", "looks.look_3")}, {"specialize": True}]
 )
 def test_every_system_gets_what_is_true_when_it_runs(options: Any) -> None:
-    """In more worlds than go through a tick together, some of them in resets, and after tables were written."""
     worlds, rng = Worlds([*GAME, Looks()], 70, **options), np.random.default_rng(0)
     for tick in range(TICKS):
         modes = rng.choice([SKIP, STEP, RESET], 70, p=[0.2, 0.6, 0.2]) if tick else np.full(70, RESET)
@@ -150,7 +149,6 @@ def ask(shown: Write[Shown], lazy: LazyTotal, place: Read[Place], rows: Rows[Pla
 
 @pytest.mark.parametrize("options", [{}, {"threads": 2}, {"interpret": ("asks.ask",)}])
 def test_what_a_system_fills_is_cleared_behind_it(options: Any) -> None:
-    """Also behind one that fails, and if there is but one world, which comes again and again."""
     for count in (1, 70):
         worlds = Worlds([*GAME, Asks()], count, **options)
         for tick in range(3):
@@ -186,7 +184,6 @@ def test_a_value_follows_numbers_of_others_that_change_or_vary() -> None:
 
 
 def test_a_service_is_no_part_of_the_state() -> None:
-    """It neither changes what systems do nor the size of a world."""
     plain, looked = (walked(make(*modules, count=3), 5) for modules in (GAME, (*GAME, Observer())))
     np.testing.assert_array_equal(plain.block, looked.block)
 
@@ -221,8 +218,6 @@ def test_what_services_cannot_be_made_of_is_refused() -> None:
 
 
 def test_the_schedule_names_what_services_read() -> None:
-    """And so the order of a system that takes one must be clear."""
-
     late = kind("Late", Toy)
     late.system(Phase.MOVE)(taking("look", total=Total))
     with pytest.raises(ScheduleError, match=r"late\.look and walkers\.walk .*: both touch Place"):
@@ -262,7 +257,6 @@ def look_again(seen: Write[Seen], walkers_stride: float) -> None:
 
 @pytest.mark.parametrize("interpret", [(), ("watch.look",)])
 def test_numbers_of_others_are_read_by_their_full_names(interpret: tuple[str, ...]) -> None:
-    """Of any kind; a number of the mechanic's own of that name comes first."""
     worlds = Worlds([Walkers(), Weather(gusts=(0.5, 0.75), wild=False, sky="black"), Watch()], 2, interpret=interpret)
     seen = run(worlds, RESET)[Seen]
     assert (seen.gust[1, 0], seen.sky[1, 0], seen.calm[1, 0], seen.stride[1, 0]) == (0.75, 2, 1, 7)

@@ -125,7 +125,6 @@ def test_values_are_drawn_for_each_agent_of_each_world_and_episode() -> None:
 
 @pytest.mark.parametrize(("drawn", "sizes"), [("never", ()), ("anyone", ()), ("side", (2, 3))])
 def test_who_has_which_role_is_drawn(drawn: str, sizes: tuple[int, ...]) -> None:
-    """All arrangements that the rule allows, each about as often."""
     modules = [*(m for m in MODULES if not isinstance(m, FreeForAll)), Teams(sizes=sizes) if sizes else FreeForAll()]
     given = roles(drawn, one=outlast.role(1), two=outlast.role(2), rest=outlast.role(walk_step=7.0))
     worlds = made(given, WORLDS, modules)

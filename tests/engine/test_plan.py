@@ -23,7 +23,6 @@ Sized = kind("Sized", dims=lambda self: {"sized": SIZE})  # tables that depend o
 
 @pytest.mark.parametrize("options", [{"specialize": True}, {"interpret": "heals.heal"}, {"without": (Phase.OBSERVE,)}])
 def test_batches_of_a_game_share_its_layout_and_machine_code(options: dict[str, Any]) -> None:
-    """But those that are made otherwise."""
     scenario = outlast.variant("teams_4").replace(ending_limit=77)
     one, other = (scenario.worlds(count) for count in (1, 5))
     assert one.layout is other.layout is not scenario.worlds(1, **options).layout

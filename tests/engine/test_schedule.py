@@ -116,7 +116,6 @@ def test_ambiguous_orders_are_refused_with_the_cure(one: Any, two: Any) -> None:
 
 
 def test_the_cure_is_addressed_to_the_users_mechanic() -> None:
-    """By the component, too, in the word that orders it after what the other does; with nothing it says already."""
     acid = kind("Acid")
     acid.system(DuelPhase.DRIVE)(taking("wade", body=Write[Body]))
     ape, pieces = module("ape.act", reads), module("ape.act", reads_pieces)
@@ -136,7 +135,6 @@ def test_orders_that_cannot_matter_are_free(one: Any, two: Any) -> None:
 
 
 def test_after_and_before_are_honoured() -> None:
-    """Also through systems in between, and against the alphabet that orders the rest."""
     ape = module("ape.act", writes, after="zebra.act")
     assert labels(ape, module("zebra.act", writes)) == ["zebra.act", "ape.act"]
     zebra = module("zebra.act", writes, before=("ape.act", "food.eat"))
@@ -146,7 +144,6 @@ def test_after_and_before_are_honoured() -> None:
 
 
 def test_a_circle_is_refused() -> None:
-    """Of labels, or of components."""
     pairs = (("ape.act", "fox.act"), ("fox.act", "zebra.act"), ("zebra.act", "ape.act"))
     circle = [module(label, reads, after=after) for label, after in pairs]
     with pytest.raises(ScheduleError, match=r"run in a circle: ape\.act, fox\.act, zebra\.act; leave one"):
@@ -157,7 +154,6 @@ def test_a_circle_is_refused() -> None:
 
 
 def test_the_name_of_a_mechanic_stands_for_all_its_systems_of_the_phase() -> None:
-    """But for the one that asks: a mechanic's system may come after its others."""
     zebra = module("zebra.act", reads)
     type(zebra).system(Phase.FEED)(named(reads, "bite"))
     type(zebra).system(Phase.SHOW)(named(reads, "show"))
@@ -168,7 +164,6 @@ def test_the_name_of_a_mechanic_stands_for_all_its_systems_of_the_phase() -> Non
 
 
 def test_the_name_of_a_mechanic_stands_for_what_takes_its_place() -> None:
-    """A subclass, or another mechanic of its slot; without any, for nothing."""
     zebra, horse, ape = module("zebra.act", reads), module("horse.run", reads), module("ape.act", writes, after="zebra")
     pony = type("Pony", (type(zebra),), {})()
     type(horse).slot = type(zebra).slot  # type: ignore[method-assign]
@@ -277,7 +272,6 @@ def test_rows_follow_the_orders_then_the_names() -> None:
 
 
 def test_kinds_of_other_mechanics_move_neither_rows_nor_spawn_places_nor_draws() -> None:
-    """Bodies that spawn beside the game's own, of kinds ahead of and behind all its names."""
     scenario = variant("teams_4")
     extra = kinds(*(Archetype(name, (Body(), Spawned()), 3) for name in ("acid", "zed")))
     before, after = (Worlds(modules, 3) for modules in (scenario.modules, scenario.with_(extra).modules))
@@ -308,7 +302,6 @@ def test_a_component_stands_for_the_other_systems_that_write_or_read_it() -> Non
 
 
 def test_labels_win_over_components() -> None:
-    """Also where the labels lead there through other systems."""
     ape = module("ape.act", writes, after=Place)
     assert labels(ape, module("zoo.act", writes, after="ape.act")) == ["ape.act", "zoo.act"]
     chain = [module("fox.act", reads_pieces, after="ape.act"), module("zoo.act", writes, after="fox.act")]
@@ -358,7 +351,6 @@ def test_the_proposed_order_keeps_last_what_is_to_be_last() -> None:
 
 
 def test_all_ambiguities_are_named_at_once() -> None:
-    """In all phases, and what can be done in general only once."""
     with pytest.raises(ScheduleError) as caught:
         labels(*(module(f"{name}.act", writes) for name in ("ape", "fox", "zoo")))
     lines = str(caught.value).splitlines()

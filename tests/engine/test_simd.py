@@ -34,7 +34,6 @@ def in_numpy(a: Any, b: Any, scalar: Any) -> list[np.ndarray]:
 
 @pytest.mark.parametrize("round_", range(20))
 def test_vectors_compute_what_numpy_computes(round_: int) -> None:
-    """Each lane rounded as if alone; infinities, NaN, denormals and signed zeros among them."""
     a, b = (RNG.normal(0, 3, SIMD_WIDTH).astype(np.float32) for _ in range(2))
     if round_ % 2:
         a, b = RNG.permutation(SPECIAL), RNG.choice(SPECIAL, SIMD_WIDTH)
@@ -67,7 +66,6 @@ def test_flags_and_the_bits_of_a_mask() -> None:
 
 
 def test_bitset_and_row_index_agree_with_rows() -> None:
-    """In a scenario of more than sixteen rows, of which some in the middle do not belong."""
     layout = Worlds([Walkers(count=21), Food(count=14), Weather()], 1).layout
     for parts in ((Place,), (Energy,), (Place, Energy), (Entity,)):
         rows, bitset, index = layout.rows(*parts), layout.bitset(*parts), layout.row_index(*parts)
@@ -79,7 +77,6 @@ def test_bitset_and_row_index_agree_with_rows() -> None:
 
 @pytest.mark.skipif(not COMPILED, reason="plain Python raises a ValueError of numpy's")
 def test_a_vector_cannot_be_stored_into_a_read_only_array() -> None:
-    """As where a kernel gets a table that its system declares as Read in a way that the check cannot follow."""
     column = np.zeros(SIMD_WIDTH, np.float32)
     column.flags.writeable = False
     with pytest.raises(TypingError, match="Cannot modify readonly array"):
@@ -96,7 +93,6 @@ def copy(column: Any) -> None:
 
 @pytest.mark.parametrize(("rows", "columns", "depth"), [(1, 16, 1), (8, 32, 5), (21, 112, 40), (3, 48, 0)])
 def test_products_of_blocks_and_of_what_is_left_beside_them(rows: int, columns: int, depth: int) -> None:
-    """Of the first factor transposed, with a row that is added to each of the result, and a least value."""
     rng = np.random.default_rng(rows)
     a, b, start = (rng.normal(size=size).astype(np.float32) for size in ((depth, rows), (depth, columns), columns))
     c, (one, two, three) = np.zeros((rows, columns), np.float32), (each.ctypes.data for each in (a, b, start))

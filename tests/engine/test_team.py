@@ -81,7 +81,6 @@ def add_one(count: Write[Count]) -> None:
 @pytest.mark.parametrize("pauses", [False, True], ids=["at once", "pauses"])
 @pytest.mark.parametrize(("count", "threads"), [(MIN_RANGE + 1, 2), (50, 7), (1009, 3), (64, 64), (1009, 16)])
 def test_each_world_takes_each_tick_once(count: int, threads: int, pauses: bool) -> None:
-    """Also where threads sleep between ticks, or there are more of them than processors, or than ranges."""
     worlds, rng = make(Walkers(), Counting(), count=count, threads=threads), np.random.default_rng(0)
     ticks = scaled(60 if pauses else 2000)
     before = worlds[Count].ticks[:, 0].copy()
@@ -114,7 +113,6 @@ def break_down(clock: Read[Clock], world: int) -> None:
 
 @pytest.mark.parametrize(("world", "count"), [(0, MANY), (77, MANY), (MANY - 1, MANY), (0, 1)])
 def test_an_exception_in_one_thread_reaches_the_caller(world: int, count: int) -> None:
-    """And the worlds go on afterwards."""
     worlds = make(Walkers(), Fragile(world), count=count, threads=min(count, 3))
     run(worlds, STEP, STEP)
     with pytest.raises(ValueError, match=r"fragile\.break_down \(test_team\.py, line \d+\): this world") as raised:

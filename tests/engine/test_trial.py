@@ -354,7 +354,6 @@ def test_a_system_without_a_slip_is_not_refused(parameters: str, body: str) -> N
 
 @pytest.mark.parametrize("name", few_by_day([*VARIANTS, *MORE], ("teams_4", "hide and seek")))
 def test_on_stand_ins_systems_do_the_same(name: str) -> None:
-    """To the bit; nor are outlast's own or those of the examples refused."""
     assert_stand_ins_change_nothing(MORE[name]() if name in MORE else outlast.variant(name), scaled(60, least=4))
 
 

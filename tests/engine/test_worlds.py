@@ -52,7 +52,6 @@ def walkers(worlds: Worlds) -> Any:
 
 
 def test_an_entity_can_be_looked_at() -> None:
-    """All that it has, as it is now."""
     worlds = make(count=2)
     entity = worlds.entity(4, world=1)
     worlds[Place].x[1, 4], worlds[Place].trail[1, 4, 0] = 1.5, 7
@@ -136,8 +135,6 @@ def drawing(name: str, base: type[Module] = Toy, **attributes: Any) -> Module:
 
 
 def test_each_system_and_each_entity_has_draws_of_its_own() -> None:
-    """The first draw of two systems in one tick, and draws of entities of one kind and of two kinds."""
-
     first, second = (make(Walkers(), drawing(name), count=50)[Wind].push for name in ("first", "second"))
     assert not np.isin(first, second).any()
     x = make(count=50)[Place].x
@@ -146,7 +143,6 @@ def test_each_system_and_each_entity_has_draws_of_its_own() -> None:
 
 
 def test_a_subclass_draws_what_its_base_draws() -> None:
-    """Under its own name, also where it replaces the system that draws; `stream` comes before that of its base."""
     drop, renamed = drawing("drop"), drawing("death_drop", stream="drop")
     replaced = drawing("late_drop", type(drop))
     type(replaced).system(Phase.BEGIN)(draw)
@@ -166,7 +162,6 @@ def test_two_systems_that_would_draw_the_same_are_refused() -> None:
 
 
 def test_other_modules_and_more_entities_move_no_draw() -> None:
-    """Common random numbers between ablations, though rows move."""
     full, rest, most = make(count=6), make(Walkers(), count=6), make(Walkers(), Weather(wild=False), count=6)
     many = make(Walkers(5), Food(9), count=6)
     assert np.array_equal(walkers(full), walkers(rest))

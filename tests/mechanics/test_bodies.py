@@ -38,7 +38,6 @@ def test_bags_hold_what_was_picked_up_given_and_not_used(kind: str) -> None:
 
 @kinds
 def test_items_lie_where_they_fell_until_somebody_takes_them(kind: str) -> None:
-    """Those of the dead where numpy's random numbers say."""
     assert disagreements(kind, ["heal", "box_item"], "here") == []
     for tick in play(kind):
         pairs = zip(tick.after.of("heal", "box_item"), tick.want.of("heal", "box_item"), strict=True)
@@ -58,11 +57,7 @@ def test_boxes_break_become_items_and_are_set_up_again(kind: str) -> None:
 
 @kinds
 def test_bodies_move_as_in_a_box2d_world_of_all_of_them(kind: str) -> None:
-    """The tick hands over to Box2D only bodies that may touch another.
-
-    Where three overlap at once, or a box is set up on an agent, the order of contacts or the last bit of its place
-    decides about where they are pushed: that happens, and seldom.
-    """
+    """Where three overlap, or a box is set up on an agent, order or the last bit decides where they are pushed."""
     gaps = []
     for tick in play(kind):
         with collecting():

@@ -66,7 +66,6 @@ def test_cameras_see_in_a_crowd_what_they_see_one_by_one(cone: str) -> None:
 
 
 def test_rows_of_a_crowd_are_those_of_what_is_seen() -> None:
-    """Of a kind that has more blocks than are looked at together."""
     env, shown = crowd("wide", n_heals=SIMD_WIDTH * (WORD + 1), spawn_grid_cells=34), 0
     for _ in range(2):  # what is no longer seen is zero again
         env.worlds[Body].angle[:, : env.num_agents] += 2
@@ -97,7 +96,6 @@ def test_rows_of_a_crowd_are_those_of_what_is_seen() -> None:
     st.integers(0, 2**31),
 )  # fmt: skip
 def test_nobody_leaves_a_crowded_room(numbers: dict[str, Any], seed: int) -> None:
-    """Whatever its size, and that of the bodies in it, which overlap each other and the walls from the start."""
     scenario = outlast.variant("ffa_3").without("heals", "safe_zone").replace(**numbers)
     env, rng = outlast.make_vec(scenario, scaled(8, least=1), seed=seed), np.random.default_rng(seed)
     env.reset()
@@ -110,8 +108,6 @@ def test_nobody_leaves_a_crowded_room(numbers: dict[str, Any], seed: int) -> Non
 
 @dataclass(frozen=True)
 class Wind(Module):
-    """Blows agents away, without any contacts."""
-
     speed: float = number(3.0)  # metres a tick
 
 

@@ -34,7 +34,6 @@ def play(kind: str, seed: int, worlds: int, steps: int) -> LevelChecker:
 
 @pytest.mark.parametrize("kind", few_by_day(KINDS, ("mazes", "pillars")))
 def test_bodies_stay_apart_in_random_levels(kind: str) -> None:
-    """From walls and from each other where they start and come back; nobody is in a wall; the absent do nothing."""
     for seed in range(scaled(2)):
         checker = play(kind, seed, scaled(64, least=2), scaled(60, least=4))
         assert checker.resets > 64 or not COMPILED

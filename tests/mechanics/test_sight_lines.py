@@ -62,7 +62,6 @@ class Box2DWorld:
         return first.fraction, first.found
 
     def sees(self, me: int, e: int) -> bool:
-        """Whether the ray from centre to centre hits `e` first."""
         eye, other = self.bodies[me].position, self.bodies[e].position
         end = [eye[k] + (other[k] - eye[k]) * (1 + 1e-6) for k in range(2)]
         return self.cast(eye, end, self.bodies.keys() - {me})[1] == e
@@ -99,7 +98,6 @@ def ahead(worlds: Worlds, w: int, me: int, e: int) -> bool:
 @pytest.mark.skipif(not COMPILED, reason="many rays")
 @pytest.mark.parametrize("kind", KINDS)
 def test_lines_of_sight_are_box2ds_ray_casts(kind: str) -> None:
-    """100,000 of them, of four kinds of levels: all between agents, heals and boxes as they start."""
     env = outlast.make_vec(variant("ffa_3").replace(n_agents=8, n_heals=20, **SEEING).with_(KINDS[kind]), 16, seed=3)
     rays, free, grazed = 0, 0, []
     while rays < 25_000:

@@ -78,7 +78,6 @@ def test_every_offset_that_is_a_little_off_is_found() -> None:
 @pytest.mark.parametrize("first", [name for name in OFFSETS if name.startswith("SOLVER_")])
 @pytest.mark.parametrize("second", [name for name in OFFSETS if name.startswith("SOLVER_")])
 def test_pointers_that_changed_places_are_found(first: str, second: str) -> None:
-    """Where Box2D would take one type for another."""
     said = asked(first, getattr(layout, second))
     assert (said == "") == (getattr(layout, first) == getattr(layout, second))
     assert said != "crash"
@@ -105,7 +104,6 @@ def test_every_missing_function_is_named(symbol: str, monkeypatch: pytest.Monkey
 
 @pytest.mark.nightly
 def test_a_library_that_cannot_be_loaded_leaves_the_portable_backend(tmp_path: Path) -> None:
-    """As a Box2D for another machine, or one that is damaged."""
     script = """
 import Box2D, pathlib, sys
 Box2D._Box2D.__file__ = sys.argv[1]
