@@ -77,7 +77,7 @@ def connected(free: Any) -> Any:
     runs = np.cumsum(first).reshape(free.shape) * free  # numbers of runs of free neighbours in a row
     label = np.arange(int(runs.max(initial=0)) + 1)
     shifted = (runs[:-1, :-1], runs[1:, 1:]), (runs[:-1, 1:], runs[1:, :-1]), (runs[:-1], runs[1:])
-    pairs = np.concatenate([(one * label.size + two)[(one > 0) & (two > 0)] for one, two in shifted])
+    pairs = np.concatenate([(one * label.size + two)[np.logical_and(one, two)] for one, two in shifted])
     one, two = np.divmod(np.unique(pairs), label.size)
     while True:
         low = np.minimum(label[one], label[two])

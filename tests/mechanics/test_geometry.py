@@ -3,7 +3,7 @@
 import math
 import platform
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import Box2D
 import numba
@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from outlast.ecs import kernel
+from outlast.systems.geometry import plans
 from outlast.systems.geometry.points import gap_circle_box, in_kite, in_sector
 from outlast.systems.geometry.rays import NO_HIT, ray_box, ray_circle
 from tests.helpers import naive_geometry as naive
@@ -136,7 +137,6 @@ def test_rays_equal_box2d(circles: bool) -> None:
 
 @pytest.mark.parametrize("circles", [True, False], ids=["circles", "boxes"])
 def test_rays_equal_box2d_where_everything_touches(circles: bool) -> None:
-    """Small whole numbers, exact in float32: tangents, corners, rays along edges, from rims, of length 0."""
     grid = np.arange(-3, 4)
     rows = np.stack(np.meshgrid(grid, grid, grid, grid, [1, 2], [1, 2], indexing="ij"), -1).reshape(-1, 6)
     rows = rows[:: 3 if numba.config.DISABLE_JIT else 1]
@@ -185,3 +185,60 @@ def test_gap_equals_the_naive_form(
     numbers = (*centre, radius, *box, math.cos(angle), math.sin(angle), width, height)
     expected = naive.gap_circle_box(centre, radius, box, angle, width, height)
     assert float(gap_circle_box(*_f4(*numbers))) == pytest.approx(expected, abs=TOLERANCE)
+
+
+rectangle = st.tuples(*[st.floats(-5, 5)] * 2, st.floats(0.25, 9), st.floats(0.25, 9), turned, st.just(99.0))
+
+
+def _corners(x: float, y: float, width: float, height: float, angle: float, _: float) -> list[naive.Point]:
+    return naive.box_corners((x, y), angle, width / 2, height / 2)
+
+
+@QUICK
+@given(rectangle, rectangle, st.floats(0, 2))
+def test_rectangles_of_plans_equal_the_naive_form(one: Any, two: Any, radius: float) -> None:
+    """Two overlap if one has a corner, or crosses a side, of the other; points are free if a disc has room."""
+    corners, others = _corners(*one), _corners(*two)
+    sides = [(a, (b[0] - a[0], b[1] - a[1])) for a, b in zip(corners, [*corners[1:], corners[0]], strict=True)]
+    crossing = any(naive.ray_polygon(*side, others) < NO_HIT for side in sides)
+    assert (
+        plans.overlap(one, two)
+        == plans.overlap(two, one)
+        == (crossing or naive.in_polygon(corners[0], others) or naive.in_polygon(others[0], corners))
+    )
+    assert plans.reach(one) == pytest.approx(abs(np.array(corners)).max(0))
+    xs, ys = plans.lattice(one, 3)
+    start, along, across = np.array(corners[0]), *np.subtract(corners[1::2], corners[0])
+    points = [start + along * (column + 0.5) / 3 + across * (row + 0.5) / 3 for row in range(3) for column in range(3)]
+    np.testing.assert_allclose(np.stack([xs, ys], -1).reshape(-1, 2), points, atol=1e-9)
+    free = plans.are_free(xs, ys, [two], (20, 15), radius)
+    for (x, y), each in zip(points, free.ravel(), strict=True):
+        gap = naive.gap_circle_box((x, y), radius, two[:2], two[4], two[2] / 2, two[3] / 2)
+        assert each == (gap > 0 and abs(x) <= 10 - radius and abs(y) <= 7.5 - radius)
+
+
+def test_rectangles_that_touch_do_not_overlap_and_discs_that_touch_blocks_are_not_free() -> None:
+    """A corner of a square is at the middle of a side; only the axis across that side separates them."""
+    for angle in np.linspace(0, 3, 20):
+        for turn, half in (0, 2), (math.pi / 2, 0.5):
+            for far, overlapping in (1e-8, False), (-1e-5, True):
+                place = (half + math.sqrt(2) + far) * np.exp(1j * (angle + turn))
+                pair = (0, 0, 4, 1, angle), (place.real, place.imag, 2, 2, angle + math.pi / 4)
+                assert plans.overlap(*pair) == plans.overlap(*pair[::-1]) == overlapping
+    assert plans.are_free(np.array([0.5, -0.5]), np.array([1, -1]), [(3, 1, 1, 9, 0)], (3, 4), 1).all()
+    assert not plans.are_free(np.array([0]), np.array([0]), [(2, 0, 2, 2, 0)], (9, 9), 1)
+
+
+def test_parts_of_a_lattice_are_those_of_a_flood_fill() -> None:
+    rng = np.random.default_rng(0)
+    for share in (0, 1, *rng.uniform(0.2, 0.7, 40)):
+        free = rng.random(rng.integers(1, 20, 2)) < share
+        parts = np.zeros(np.add(free.shape, 2), int)
+        for start in np.argwhere(free) + 1:
+            pending, number = [tuple(start)], parts.max() + 1
+            while pending:
+                i, j = pending.pop()
+                if free[i - 1 : i, j - 1 : j].any() and not parts[i, j]:
+                    parts[i, j] = number
+                    pending += [(i + a, j + b) for a in (-1, 0, 1) for b in (-1, 0, 1)]
+        np.testing.assert_array_equal(plans.connected(free), parts[1:-1, 1:-1])
