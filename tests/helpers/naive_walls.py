@@ -9,6 +9,7 @@ import numpy as np
 from outlast.components import Body, Floor, Shape, Solid, Spawned, Wall
 from outlast.ecs import Entity, Worlds
 from outlast.systems import Walls
+from tests.reference.random_numbers import keyed
 
 Array = np.ndarray[Any, Any]
 
@@ -35,6 +36,47 @@ def blocks(worlds: Worlds, w: int, *components: type[Any]) -> list[Block]:
     columns = (body.x, body.y, body.angle, shape.half_width, shape.half_height, shape.radius)
     rows = [e for e in worlds.layout.rows(*(components or (Wall,))) if alive[e]]
     return [Block(*(float(column[w, e]) for column in columns)) for e in rows]
+
+
+def cell_walls(mechanic: Any, sides: Any, key: tuple[int, int, int]) -> list[tuple[float, ...]]:
+    """The blocks of a Maze or Rooms by numpy's random numbers: x, y, half width and half height.
+
+    sides: of the room, metres. key: seed, world and episode.
+    """
+
+    def word(index: int) -> int:
+        return keyed(key, 0, "inner_walls.build", index)[0]
+
+    columns, rows, half, edges = mechanic.columns, mechanic.rows, mechanic.thickness / 2, 2 * 32 * 31  # at most
+    rooms, found = mechanic.name == "rooms", list[tuple[float, ...]]()
+    pairs = [((i, j), (i + 1, j)) for j in range(rows) for i in range(columns - 1)]
+    pairs += [((i, j), (i, j + 1)) for j in range(rows - 1) for i in range(columns)]
+    part, order, passable = {cell: {cell} for pair in pairs for cell in pair}, [*range(len(pairs))], set[int]()
+    for n in range(len(pairs)):
+        pick = n + (word(n) * (len(pairs) - n) >> 64)
+        order[n], order[pick] = order[pick], order[n]
+        k = order[n]
+        one, two = (part[cell] for cell in pairs[k])
+        if one is not two:
+            one |= two
+            part |= dict.fromkeys(two, one)
+            passable.add(k)
+        elif (word(edges + k) >> 40) / 2**24 < (mechanic.doors if rooms else mechanic.loops):
+            passable.add(k)
+    for k, ((i, j), (beside, _)) in enumerate(pairs):
+        axes = (sides[0], columns, i), (sides[-1], rows, j)
+        (side, count, line), (end, cells, cell) = axes if beside > i else axes[::-1]
+        start, length = cell * end / cells, end / cells
+        spans = [(max(0, start - half), min(end, start + length + half))]
+        if k in passable and rooms:
+            spare = (length - mechanic.door) / 8
+            opening = start + spare + (word(2 * edges + k) >> 40) / 2**24 * (length - mechanic.door - 2 * spare)
+            spans = [(spans[0][0], opening), (opening + mechanic.door, spans[0][1])]
+        for low, high in spans if rooms or k not in passable else ():
+            across, along = (line + 1) * side / count - side / 2, (low + high - end) / 2
+            far = (high - low) / 2
+            found.append((across, along, half, far) if beside > i else (along, across, far, half))
+    return found
 
 
 def obstacles(worlds: Worlds, w: int) -> list[Block]:
