@@ -56,7 +56,6 @@ def random_batch(rng: np.random.Generator) -> ContactBatch:
 
 
 def usual_traits(count: int) -> Matrix:
-    """The numbers that bodies without traits have."""
     return np.tile(portable._usual(SETTINGS), (count, 1))
 
 
@@ -75,7 +74,6 @@ def random_traits(rng: np.random.Generator, batch: ContactBatch) -> Matrix:
 
 
 def rope(first: int, second: int, rest: float) -> Matrix:
-    """A joint."""
     row = np.zeros((1, JOINTS), np.float32)
     row[0, [KIND, FIRST, SECOND, REST]] = ROPE, first, second, rest
     return row
@@ -117,14 +115,12 @@ def outline_of(polygon: Polygon) -> Matrix:
 
 
 def become(batch: ContactBatch, outlines: Matrix, k: int, polygon: Polygon) -> None:
-    """Make a polygon of a body of a batch."""
     outlines[k] = outline_of(polygon)
     batch[k, RADIUS], (shape,) = 0, polygon.brings()
     batch[k, HALF_WIDTH], batch[k, HALF_HEIGHT] = shape.fills["half_width"], shape.fills["half_height"]
 
 
 def random_outlines(rng: np.random.Generator, batch: ContactBatch) -> Matrix:
-    """Polygons in place of most rectangles of a batch."""
     outlines = np.zeros((len(batch), OUTLINE), np.float32)
     for k in np.flatnonzero((batch[:, RADIUS] == 0) & (rng.random(len(batch)) < 0.7)):
         become(batch, outlines, k, random_polygon(rng))

@@ -15,13 +15,13 @@ from outlast.systems.box2d import layout, outline
 from tests.conftest import scaled
 from tests.helpers.contact_batches import corners_of, outline_of, random_polygon
 from tests.physics.test_box2d import needs_native
+from tests.physics.test_whole_worlds import shape_of
 
 WEDGE = [(0, 0), (2, 0), (0, 1)]
 
 
 @needs_native
 def test_a_polygon_is_written_as_box2d_sets_it() -> None:
-    """Corners, normals, middle and number, to the bit, also after another one and before a box."""
     rng, memory = np.random.default_rng(1), Box2D.b2PolygonShape(box=(1, 1))
     box = ctypes.string_at(int(memory.this), layout.POLYGON_SIZE)
     for _ in range(200):
@@ -40,24 +40,24 @@ def test_a_polygon_is_written_as_box2d_sets_it() -> None:
 
 
 class Heap(Module):
-    """A kind of many polygons."""
+    """Kinds of many polygons, discs and boxes."""
 
     def archetypes(self) -> list[Archetype]:
-        rng = np.random.default_rng(2)
-        self.polygons = [random_polygon(rng) for _ in range(scaled(300, 30))]
-        density = rng.uniform(0.1, 5, len(self.polygons)).astype(np.float32)
-        parts = Body(), Push(), Polygon([corners_of(each) for each in self.polygons]), Solid(density=density)
-        return [Archetype("stone", parts, len(self.polygons))]
+        rng, count = np.random.default_rng(2), scaled(150, 30)
+        radius, width, height, density = rng.uniform(0.1, 5, (4, count)).astype(np.float32)
+        polygons = Polygon([corners_of(random_polygon(rng)) for _ in range(count)])
+        shapes = {"stone": polygons, "disc": Shape(radius=radius), "box": Shape(half_width=width, half_height=height)}
+        solid = Body(), Push(), Solid(density=density)
+        return [Archetype(name, (*solid, shape), count) for name, shape in shapes.items()]
 
 
 def test_mass_and_moment_of_inertia_are_those_of_box2d() -> None:
     made = Worlds((Heap(), Physics()), 1)
     made.run(np.full(1, RESET, np.int8))
-    polygons, solid, world = made[Polygon], made[Solid], Box2D.b2World()
-    for e in made.layout.rows(Polygon):
-        points = [(float(x), float(y)) for x, y in zip(polygons.x[0, e], polygons.y[0, e], strict=True)]
-        shape = Box2D.b2PolygonShape(vertices=points[: polygons.corners[0, e]])
-        data = world.CreateStaticBody().CreateFixture(shape=shape, density=float(solid.density[0, e])).massData
+    solid, world = made[Solid], Box2D.b2World()
+    for e in made.layout.rows(Solid):
+        shape, density = shape_of(made, 0, e), float(solid.density[0, e])
+        data = world.CreateStaticBody().CreateFixture(shape=shape, density=density).massData
         assert (solid.mass[0, e], solid.inertia[0, e]) == (np.float32(data.mass), np.float32(data.I))
         assert math.hypot(*data.center) < 1e-6
 
