@@ -59,7 +59,7 @@ class CacheKey:
         self._roots: dict[str, list[FunctionType]] = {}
         for self._label, found in kernels.items():
             called = found if isinstance(found, tuple) else (found,)
-            self._roots[self._label] = [self._add(kernel, self._label) for kernel in called]
+            self._roots[self._label] = [self._add(kernel) for kernel in called]
 
     def key(self, label: str, source: str) -> str:
         """Hash of a system's kernels, of its unit's source, and of the dependencies of all machine code."""
@@ -98,14 +98,14 @@ class CacheKey:
                 ahead += self._callees[function]
                 yield function
 
-    def _add(self, target: Any, name: str) -> FunctionType:
+    def _add(self, target: Any) -> FunctionType:
         """Add a function, an intrinsic's definition or a kernel, and its references. Return the Python function."""
         function: FunctionType = getattr(target, "py_func", target)
         if function is not target:
             self._dispatchers[function] = target
         if function in self._texts:
             return function
-        text = self._texts[function] = [f"{name} {sorted(getattr(target, 'targetoptions', {}).items())}"]
+        text = self._texts[function] = [repr(sorted(getattr(target, "targetoptions", {}).items()))]
         self._callees[function] = []
         text.append(read_code(function.__code__)[0])
         for inner, value in references(function):
@@ -130,7 +130,7 @@ class CacheKey:
             if own:
                 if inner is value and isinstance(value, FunctionType) and compiled() and function in self._dispatchers:
                     raise self._refusal(name, value)
-                self._callees[function].append(self._add(inner, name))
+                self._callees[function].append(self._add(inner))
         elif isinstance(value, numba.types.Type):
             yield f"{name}={value!r}"
         elif isinstance(value, ModuleType) or root(value) not in FOREIGN or type(value).__module__.startswith("numba."):

@@ -122,8 +122,8 @@ def test_what_a_kernel_refers_to_in_another_file_is_in_its_key(kind: str) -> Non
         vars(rules).update(kernel=kernel, IntEnum=enum.IntEnum)
         exec(text, vars(rules))
         exec(f"def function(k):\n    return {expression}", names := {**vars(rules), "rules": rules})
-        keys.append(CacheKey({"system": kernel(names["function"])}).key("system", "source"))
-    assert keys[0] == keys[1] != keys[2]
+        keys += [CacheKey(dict.fromkeys(of, kernel(names["function"]))).key("s", "source") for of in ("s", "as")]
+    assert keys[0] == keys[1] == keys[2] == keys[3] != keys[4] == keys[5]
 
 
 # Settings of numba that change messages, threads, files, checks of numba itself, or graphics cards
