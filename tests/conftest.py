@@ -1,6 +1,7 @@
 """What all tests share: marks and sizes by mode, digests, actions, and fixtures."""
 
 import hashlib
+import os
 import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator
@@ -12,6 +13,7 @@ import numba
 import numpy as np
 import pytest
 
+from outlast.ecs.compilation import cache
 from outlast.ecs.declarations.event import zero_unused
 from outlast.ecs.memory.tables import Tables
 from outlast.ecs.running import compiled_game
@@ -30,14 +32,11 @@ OF_RESEARCH += tuple(f"training/test_{name}.py" for name in ("compare_runs", "pa
 collect_ignore = [] if find_spec("outlast.training.research") else [*OF_RESEARCH]
 
 COMPILED = not numba.config.DISABLE_JIT
+if "PYTEST_XDIST_WORKER" in os.environ:  # a worker for each core: its forks would compile shared kernels once more
+    cache.available_cores = lambda: 1
 
-
-def if_compiled(mark: Any) -> Any:
-    """The mark for a test that is slow only because it compiles; as plain Python it has none."""
-    return mark if COMPILED else lambda test: test
-
-
-slow_compiled, nightly_compiled = if_compiled(pytest.mark.slow), if_compiled(pytest.mark.nightly)
+# Marks of tests that are slow only because they compile; as plain Python they have none.
+slow_compiled, nightly_compiled = (pytest.mark.slow, pytest.mark.nightly) if COMPILED else (lambda test: test,) * 2
 
 
 @pytest.hookimpl(tryfirst=True)  # before pytest itself chooses by marks
