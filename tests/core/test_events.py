@@ -129,18 +129,6 @@ def test_events_may_have_several_amounts_and_be_of_others_than_agents(caplog: py
     assert caplog.messages == [f"world 0, tick 5: beast {k} died of melee" for k in range(2)]
 
 
-def test_who_gets_the_credit() -> None:
-    """Of two that hit, the last one; who hits later than the tick in which the points were gone gets none."""
-    game = ScenarioBuilder("teams_3")
-    for i, (x, y) in enumerate(((0, 0), (2.6, 0), (1.3, 0), (0, -4))):
-        game.put("agent", i, x, y, angle=[0, np.pi, 0, 0][i])
-    game.wound(2, 4)
-    game.step({0: "attack", 1: "attack"})
-    events = game.env.events()
-    assert events["hit"][["agent", "target", "amount", "side"]].tolist() == [(0, 2, 5, 0), (1, 2, 5, 0)]
-    assert events["death"][["agent", "by", "side"]].tolist() == [(2, 1, 0)]
-
-
 def short(mode: str, worlds: int = 3) -> Any:
     """Worlds that end, each at a time of its own, as everybody dies outside of the zone."""
     scenario = variant("ffa_2").replace(safe_zone_damage=35, safe_zone_stand=1, safe_zone_shrink=5)

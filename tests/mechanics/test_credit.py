@@ -1,4 +1,4 @@
-"""Who gets the credit of a death: the last who took hit points, not who struck for nothing."""
+"""Who gets the credit of a death: the last who took hit points in its tick, not who struck for nothing."""
 
 import numpy as np
 import pytest
@@ -7,17 +7,13 @@ import outlast
 from outlast.components import Health
 from outlast.ecs import Entity
 
-ROLES = {
-    "strong": outlast.role(agents=(0,)),
-    "victim": outlast.role(agents=(1,)),
-    "weak": outlast.role(agents=(2,), melee_damage=0),
-}
+ROLES = {name: outlast.role(agents=(i,)) for i, name in enumerate(("strong", "victim"))}
 
 
-@pytest.mark.parametrize("strikers", [(0, 2), (2,)])
-def test_a_strike_of_no_damage_is_no_hit(strikers: tuple[int, ...]) -> None:
+@pytest.mark.parametrize(("strikers", "harm", "by"), [((0, 2), 0, [0]), ((2,), 0, []), ((0, 2), 4, [2])])
+def test_the_last_hit_gets_the_credit(strikers: tuple[int, ...], harm: int, by: list[int]) -> None:
     game = outlast.variant("ffa_2").replace(n_agents=3, rewards_kill=100, melee_blocked=False)
-    env = outlast.make_vec(game.roles(**ROLES), num_worlds=1, seed=0)
+    env = outlast.make_vec(game.roles(**ROLES, weak=outlast.role(agents=(2,), melee_damage=harm)), 1, seed=0)
     env.reset()
     env.worlds[Entity].alive[0, env.worlds.span("agent").stop :] = 0
     for e, x, angle in ((0, -1.3, 0), (1, 0, 0), (2, 1.3, np.pi)):
@@ -28,7 +24,7 @@ def test_a_strike_of_no_damage_is_no_hit(strikers: tuple[int, ...]) -> None:
     _, rewards, *_ = env.step(actions)
     events = env.events()
     assert events["strike"]["agent"].tolist() == [*strikers]
-    killed = 0 in strikers
-    assert events["hit"][["agent", "target", "amount"]].tolist() == ([(0, 1, 5)] if killed else [])
-    assert events["death"]["by"].tolist() == ([0] if killed else [])
-    assert rewards.tolist() == [[101, -1, 1] if killed else [1, 1, 1]]
+    hits = [(e, 1, harm if e else 5) for e in strikers if e == 0 or harm]
+    assert events["hit"][["agent", "target", "amount"]].tolist() == hits
+    assert events["death"]["by"].tolist() == by
+    assert rewards.tolist() == [[101 if e in by else -1 if by and e == 1 else 1 for e in range(3)]]
