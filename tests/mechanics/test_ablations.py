@@ -18,6 +18,8 @@ def test_every_flaw_of_the_paper_has_an_ablation() -> None:
         ablated = variant(f"teams_4+{name}")
         assert ablated.name == f"teams_4+{name}"
         assert ablated.numbers() != variant("teams_4").numbers()
+    bounty = variant("ffa_1+bounty").numbers()
+    assert [bounty[name] for name in ("rewards_kill", "rewards_death", "ending_rule")] == [100, -100, "last alive"]
 
 
 def test_names_are_put_together_in_any_order() -> None:
@@ -96,15 +98,6 @@ def paid(name: str, *dead: int) -> list[float]:
 )
 def test_rewards(name: str, dead: tuple[int, ...], rewards: list[float]) -> None:
     assert paid(name, *dead) == rewards
-
-
-def test_a_bounty_is_paid_to_the_killer() -> None:
-    game = ScenarioBuilder("ffa_1+bounty")
-    game.put("agent", 0, 0, 0)
-    game.put("agent", 1, 1.5, 0)
-    game.wound(1, 5)
-    assert game.step({0: "attack"}).rewards == [100, -100]
-    assert game.done  # the last one alive ends it
 
 
 def test_velocity_follows_the_action_at_once() -> None:
