@@ -19,8 +19,7 @@ BAD: dict[str, tuple[Any, tuple[str, ...]]] = {
     "flat": (lambda: level((0, 0, 4, 0, 0, 0)), ("4 x 0 m", "at least 0.004 m")),
     "a side that is not there": (lambda: level((0, 0, 4, 4, 0, 7)), ("side 6", "sides 0 to 1")),
     "starts overlap": (lambda: level((0, 0, 4, 4, 0, 1), (1, 1, 4, 4, 0, 2)), ("overlaps that of side 0", "apart")),
-    "start in a wall": (lambda: level((0, 0, 6, 6, 0, 0), (0, 0, 4, 4, 0, 1)), ("side 0 have no free place",)),
-    "no floor": (lambda: level((0, 0, 24.9, 24.9, 0, 0)), ("leaves 0 square metres", "agents")),
+    "start in a wall": (lambda: level((0, 0, 6, 6, 0, 0), (0, 0, 4, 4, 0, 1), (9, 9, 4, 4, 0, 2)), ("side 0 have no",)),
     "corridors": (lambda: systems.Maze(columns=20), ("maze: a corridor", "fewer maze.columns", "1.1 m")),
     "blocks": (lambda: systems.Maze(blocks=3), ("maze.blocks = 3", "6 x 6 cells need 25")),
     "a door": (lambda: systems.Rooms(door=0.9), ("rooms: a door would be 0.9 m wide", "larger rooms.door")),
@@ -38,6 +37,13 @@ def test_levels_that_cannot_be_are_refused(name: str) -> None:
         Worlds(variant("ffa_1").with_(make()).modules, 1)
     for word in words:
         assert word in str(raised.value), str(raised.value)
+
+
+def test_too_little_floor_is_refused() -> None:
+    """Centres can be in 2 x 1.05 m along x and 8.8 m along y, which a lattice of 0.396 x 0.099 m rounds up."""
+    hall = variant("ffa_1").replace(room_width=40.0, room_height=10.0, safe_zone_radii=(5.0,), n_agents=24)
+    with pytest.raises(NumberError, match=r"leaves 20.7 square metres where agents can be, but they need 22.8; take"):
+        Worlds(hall.with_(level((0, 0, 35.3, 10, 0, 0))).modules, 1)
 
 
 def test_not_a_number_is_refused() -> None:
