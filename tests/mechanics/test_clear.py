@@ -32,7 +32,7 @@ class Pane(Module):
 def faced(module: Module, blocked: bool, x: float, other: float, y: float = 0.0) -> tuple[Any, list[Any]]:
     """Agents 0 and 1 look along +x, and 0 strikes. Returns what it sees, what its ray reads, and what 1 has left."""
     lidar = systems.Lidar(rays=1, angle=0.1, targets="solids")
-    numbers = {"melee_reach": 5.0, "melee_damage": 10, "melee_blocked": blocked}
+    numbers = {"melee_reach": 5.0, "melee_damage": 10, "melee_blocked": blocked, "cameras_items_occlude": False}
     env: Any = outlast.make_vec(outlast.variant("ffa_1").with_(module, lidar).replace(**numbers), 1, seed=0)
     env.reset()
     env.place("agent", 0, x=x, y=y, angle=0)
