@@ -165,6 +165,8 @@ SCENARIOS: dict[str, tuple[Any, ...]] = {
         teams(room_size=10.0, safe_zone_radii=(12.5, 5.0)), NumberError, "safe_zone.radii", "12.5", "side 10", "=5,2",
     ),
     "room too small": (teams(agents_radius=20), NumberError, "radius = 20 does not fit", "side 25: at most 12.5"),
+    "room too small for heals": (teams(heals_radius=13), NumberError, "heals.radius = 13", "at most 12.5"),
+    "room too small for items": (teams(boxes_item_radius=13), NumberError, "boxes.item_radius = 13", "at most 12.5"),
     "room too small for boxes": (teams(boxes_height=26), NumberError, "boxes.height = 26", "at most 25"),
     "more bodies than cells": (teams(n_heals=53), NumberError, "65 bodies (", "4 agent", "53 heal", "8 x 8 = 64"),
     "more teams than agents": (teams(teams_count=5), NumberError, "teams.count = 5", "4 agents"),

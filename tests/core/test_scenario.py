@@ -319,9 +319,10 @@ def test_hit_points_stay_what_they_are_however_hard_the_blows() -> None:
     """They are 32-bit integers: numbers are limited, and what hurts ends at the largest."""
     with pytest.raises(NumberError, match=r"agents.health = 2147483647: must be .*<= 1e"):
         variant("ffa_3").replace(agents_health=2**31 - 1)
-    many = variant("ffa_1").replace(n_heals=3000, heals_amount=1_000_000, spawn_grid_cells=60)
-    with pytest.raises(NumberError, match=r"count = 3000 times heals.amount = 1000000 is more than the 2147483647"):
-        make_vec(many, 1)
+    most = variant("ffa_1").replace(n_heals=2147, heals_amount=1_000_000, agents_health=483_647, spawn_grid_cells=60)
+    make_vec(most, 1)
+    with pytest.raises(NumberError, match=r"count = 2147 times heals.amount = 1000000 is more than the 2147483647"):
+        make_vec(most.replace(agents_health=483_648), 1)
     health = Health.Table(*(np.zeros(1, column.dtype) for column in Health.columns.values()))
     guard = Guard.Table(np.full(1, -1), np.full(1, -1))
     least, most = 1 - 2**31, 2**31 - 1
