@@ -40,7 +40,6 @@ PLAIN_BY_DAY = (
     *(f"tests/core/test_{name}.py" for name in ("determinism", "digests")),
     *(f"tests/mechanics/test_{name}.py" for name in ("ablations", "edges", "fidelity_rules", "lidar", "reference")),
 )
-LONG = 600  # lines of a file, from which on a hint asks whether it is one idea
 NO_TESTS = 5  # pytest's exit code where nothing was selected
 NEEDED = re.compile(r"outlast\[([\w,-]+)\]")  # extras, in the reasons of skipped tests
 ELSEWHERE = {"ray", "benchmarl"}  # extras whose tests need environments of their own: .ci/run --nightly
@@ -158,14 +157,6 @@ def left_out(types: bool, needed: frozenset[str]) -> str:
     return f"; left out: {' and '.join(parts)} (all are in '.[test-all]')" if parts else ""
 
 
-def long_files() -> list[str]:
-    """Return the files of the package that have more than LONG lines, with their lengths."""
-    folders = ("ecs", "components", "systems", "envs", "training", "perf")
-    files = (path for folder in folders for path in (ROOT / folder).rglob("*.py"))
-    lengths = ((path, len(path.read_text(encoding="utf-8").splitlines())) for path in files)
-    return sorted(f"{path.relative_to(ROOT)} ({length})" for path, length in lengths if length > LONG)
-
-
 def other_tree() -> str:
     """Why the imported package is not the one of this tree, or ""."""
     found = importlib.util.find_spec("outlast")
@@ -183,8 +174,6 @@ def summary(results: list[Result], types: bool) -> int:
         print(f"\nfailed: {', '.join(failed)}")
     elif not total["passed"]:
         print("\nno test ran")
-    if found := long_files():
-        print(f"\nhint: longer than {LONG} lines: {', '.join(found)}")
     needed = frozenset().union(*(result.needed for result in results))
     print(summary_line(total) + left_out(types, needed), flush=True)
     return 1 if failed or not total["passed"] else 0
