@@ -148,16 +148,12 @@ def test_the_containers_steps_work(tmp_path: Path) -> None:
     subprocess.run([sys.executable, "-m", "venv", tmp_path / "venv"], check=True)
     environment = {"PATH": f"{tmp_path / 'venv' / 'bin'}:{os.environ['PATH']}", "EXTRAS": "video"}
     environment |= {"HOME": str(tmp_path), "OUTLAST_CACHE_DIR": str(tmp_path / "opt")}
-    for step in (install.partition(" && rm ")[0], compiled, f"outlast {json.loads(command_of(text))[0]}"):
+    (command,) = re.findall(r"^CMD (.*)$", text, re.MULTILINE)
+    for step in (install.partition(" && rm ")[0], compiled, f"outlast {json.loads(command)[0]}"):
         done = subprocess.run(["bash", "-c", step], cwd=tmp_path, env=environment, capture_output=True, text=True)
         assert done.returncode == 0, done.stderr[-3000:]
     assert all(name in done.stdout for name in outlast.VARIANTS)
     assert {path.stat().st_mode & 0o777 for path in (tmp_path / "opt").iterdir()} == {0o644}  # for every user
-
-
-def command_of(dockerfile: str) -> str:
-    (command,) = re.findall(r"^CMD (.*)$", dockerfile, re.MULTILINE)
-    return str(command)
 
 
 def test_documents_name_the_version() -> None:

@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 
 from perf import compare, edit, interfaces, peer_steps, peers, profile, step, vector_step
-from perf.measure import in_turn
 from perf.original import Original
 
 # Prints, and empties parts of its configuration, as the original does; logs its arguments. A step takes 2 ms of wall
@@ -110,13 +109,6 @@ def test_both_are_timed_in_one_run(run, checkout: Path, tmp_path: Path, monkeypa
     assert [line[:5] for line in episodes] == [[2, 15, 8, 1000, 100]] * 10
     assert episodes[:2] * 5 == episodes
     assert episodes[0][-1] != episodes[1][-1]
-
-
-def test_timers_take_turns() -> None:
-    order: list[int] = []
-    times = in_turn([lambda k=k: order.append(k) or float(k) for k in range(3)], rounds=2)  # type: ignore[misc]
-    assert order == [0, 1, 2, 0, 1, 2]
-    assert times.tolist() == [[0, 1, 2], [0, 1, 2]]
 
 
 def test_counts_are_changed_and_ended_episodes_are_left(checkout: Path) -> None:

@@ -97,11 +97,6 @@ def _drawn(rng: Random, value: Any) -> Any:
     return rng.choice((uniform(low, high), choice(low, high)))
 
 
-def worlds_of(k: int) -> int:
-    """How many worlds scenario k runs: most run one, as plain Python is slow."""
-    return 1 if k % 8 else 3
-
-
 def _ordered(rng: Random, scenario: Scenario) -> Scenario:
     """Perhaps with an order between some systems or mechanics that share a phase."""
     systems = [system for module in scenario.modules for system in module.systems()]
@@ -200,7 +195,7 @@ def _numbers(rng: Random, scenario: Scenario) -> Iterator[tuple[str, Any]]:
 def run_scenario(seed: int, k: int, ticks: int, folder: Path) -> dict[str, Any]:
     """Digests of each tick, or why there are none: {"digests": [...]}, {"refused": "..."} or {"error": "..."}."""
     digests: list[str] = []
-    worlds = worlds_of(k)
+    worlds = 1 if k % 8 else 3  # plain Python is slow
     try:
         env = outlast.make_vec(make_scenario(Random(f"{seed} {k}"), f"generated_{k}", folder), worlds, seed=k)
         rng = np.random.default_rng([seed, k])

@@ -20,14 +20,10 @@ performance_profile, stratified_bootstrap = statistics.performance_profile, stat
 FUNCTIONS["performance_profile"] = lambda scores: performance_profile(scores, rliable_values.THRESHOLDS)
 
 
-def by_task(scores: Any) -> dict[Any, Any]:
-    return dict(enumerate(np.asarray(scores).T))
-
-
 def compared(expected: dict[str, Any], scores: dict[str, Any], reps: int, tolerance: float) -> None:
     """Compare all values with rliable's, and ends of intervals to a tolerance in parts of their width."""
     for names, found in expected.items():
-        given = [by_task(scores[name]) for name in names.split(", ")]
+        given = [dict(enumerate(np.asarray(scores[name]).T)) for name in names.split(", ")]
         for name, (value, low, high) in found.items():
             ours = stratified_bootstrap(FUNCTIONS[name], *given, reps=reps)
             assert np.atleast_1d(ours.value) == pytest.approx(np.array(value)), (names, name)
