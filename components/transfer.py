@@ -17,6 +17,19 @@ class Target(Component):
     """A mark of what has to be sheltered."""
 
 
+class Parade(Singleton):
+    """The tick in which each crate leaves, and the side of the agent to which it goes."""
+
+    tick: Array = column("i4", "crates")
+    side: Array = column("i1", "crates")  # 1: to its left, -1: to its right
+
+
+class Passed(Statistic):
+    """The statistic of object counting."""
+
+    went_left: Array = column("i4")  # crates that have begun to go to the left of the agent
+
+
 class Solved(Statistic):
     """The statistic of tasks: for how long they were done."""
 

@@ -3,11 +3,13 @@
 Numbers are those of examples/*.jsonnet of the published environments, with 240 ticks in place of 120 to 240 steps.
 """
 
-from outlast.ecs import Module
-from outlast.systems import Agents, Preparation, Rooms, Teams
-from outlast.systems.hide_and_seek import Blueprint, Locking, Shelter, Things
+import math
 
-from .hide_and_seek import HIDE_SMALL
+from outlast.ecs import Module
+from outlast.systems import Agents, Cameras, Preparation, Rooms, Teams
+from outlast.systems.hide_and_seek import Blueprint, Counting, Locking, Shelter, Things
+
+from .hide_and_seek import FLOOR, HIDE_SMALL
 from .scenario import Scenario
 
 _ALONE = HIDE_SMALL.without("hiding", "quadrant").with_(
@@ -40,4 +42,11 @@ SHELTER = transfer(
     Shelter(),
     Things(crates=5, planks=3, ramps=0, size=0.45),
 )
-SCENARIOS = {each.name: each for each in (LOCK_AND_RETURN, SEQUENTIAL_LOCK, BLUEPRINT, SHELTER)}
+OBJECT_COUNTING = transfer(
+    "object_counting",
+    "transfer test: see how many of six crates go to the left, without a reward",
+    Counting(),
+    Things(crates=6, ramps=0, size=0.2),
+    Cameras(fov=0.5 * math.pi, depth=1.5 * FLOOR),
+)
+SCENARIOS = {each.name: each for each in (LOCK_AND_RETURN, SEQUENTIAL_LOCK, BLUEPRINT, SHELTER, OBJECT_COUNTING)}

@@ -8,6 +8,6 @@ from .climbing import Climbing
 from .hiding import Hiding
 from .quadrant import Quadrant
 from .things import Handling, Things
-from .transfer import Blueprint, Locking, Shelter
+from .transfer import Blueprint, Counting, Locking, Shelter
 
-__all__ = ["Blueprint", "Climbing", "Handling", "Hiding", "Locking", "Quadrant", "Shelter", "Things"]
+__all__ = ["Blueprint", "Climbing", "Counting", "Handling", "Hiding", "Locking", "Quadrant", "Shelter", "Things"]

@@ -9,16 +9,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from outlast.components import Body, Phase, Reward, Shape, Solid
+from outlast.components import Body, Phase, Push, Reward, Shape, Solid
 from outlast.components.hide_and_seek import NOBODY, Aloft, Crate, Movable
 from outlast.components.limits import FAR, MANY, MUCH
-from outlast.components.transfer import Errand, Solved, Target
+from outlast.components.transfer import Errand, Parade, Passed, Solved, Target
 from outlast.ecs import (
     Archetype,
     Clock,
     Layout,
     Module,
     NumberError,
+    Random,
     Read,
     Real,
     Rows,
@@ -28,10 +29,14 @@ from outlast.ecs import (
     number,
     ref,
 )
+from outlast.ecs.kernels.random import uniform
 from outlast.systems.geometry.bodies import Bodies
 from outlast.systems.geometry.queries import first_on_ray
 
 HALF = np.float32(0.5)
+NEAREST, FARTHEST = np.float32(0.2), np.float32(0.45)  # of the room: how far ahead crates wait
+LATEST = 10_000  # ticks; times the number of crates, it is an int32
+SPREAD = np.float32(0.6)  # the slope of the lines to the outermost ones
 EDGE = np.float32(14 / 15)  # rays begin one of 30 cells from the edge, as there; of half the floor
 
 
@@ -214,3 +219,63 @@ def pay_rays(
         arrive += found == targets[0]
     reward.reward[0] = -hit * np.float32(arrive) / np.float32(4 * rays) if clock.tick[0] > 0 else 0
     solved.solved[0] += clock.tick[0] > 0 and arrive == 0
+
+
+@dataclass(frozen=True)
+class Counting(Task):
+    """Crates leave the sight of an agent that stands still, one after the other, to its left or to its right.
+
+    Nothing is paid. How many have gone to the left is what a classifier reads from the memory of a policy. Crates wait
+    side by side ahead of the agent, and each leaves on a line of its own.
+    """
+
+    first: int = number(10, low=0, high=LATEST, unit="ticks", about="earliest tick in which a crate leaves")
+    apart: int = number(10, low=0, high=LATEST, unit="ticks", about="mean time from one crate to the next")
+    speed: float = number(2.5, above=0, high=FAR, unit="metres per second", about="speed of crates that leave")
+
+    def singletons(self) -> Iterable[Singleton]:
+        return [Reward(), Parade(), Passed()]
+
+
+@Counting.system(Phase.SPAWN, after="spawn_grid")
+def line_up(
+    body: Write[Body],
+    parade: Write[Parade],
+    agents: Rows[Aloft],
+    crates: Rows[Crate],
+    room_size: float,
+    first: int,
+    apart: int,
+    key: Random,
+) -> None:
+    """Put the agent at the wall behind it and the crates ahead; draw their places, ticks and sides."""
+    back = -HALF * EDGE * np.float32(room_size)
+    body.x[agents[0]], body.y[agents[0]] = back, 0
+    for k in range(crates.size):
+        ahead = np.float32(room_size) * (NEAREST + (FARTHEST - NEAREST) * np.float32(k) / np.float32(crates.size))
+        across = SPREAD * (np.float32(2 * k + HALF + uniform(key, 3 * k)) / np.float32(crates.size) - np.float32(1))
+        body.x[crates[k]], body.y[crates[k]] = back + ahead, ahead * across
+        parade.tick[k] = first + int(apart * (k + uniform(key, 3 * k + 1)))
+        parade.side[k] = 1 if uniform(key, 3 * k + 2) < HALF else -1
+
+
+@Counting.system(Phase.DRIVE, after=(Body, Push, "handling", "preparation"))
+def leave(
+    body: Write[Body],
+    push: Write[Push],
+    parade: Read[Parade],
+    passed: Write[Passed],
+    clock: Read[Clock],
+    agents: Rows[Aloft],
+    crates: Rows[Crate],
+    speed: float,
+) -> None:
+    """Keep the agent still; move the crates whose time has come, and count those that go to the left."""
+    for e in agents:
+        body.vx[e], body.vy[e], body.omega[e] = 0, 0, 0
+        push.x[e], push.y[e], push.turn[e] = 0, 0, 0
+    passed.went_left[0] = 0
+    for k in range(crates.size):
+        if clock.tick[0] >= parade.tick[k]:
+            body.vy[crates[k]] = speed * np.float32(parade.side[k])
+            passed.went_left[0] += parade.side[k] > 0

@@ -1,19 +1,23 @@
-"""tool-use, the test of hide and seek that takes actions away; and phases, checkpoints against each other."""
+"""Research on hide and seek: actions taken away, checkpoints against each other, memories."""
 
 import itertools
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 import outlast
 from outlast.envs.scenarios.hide_and_seek import HIDE_2V2
 from outlast.training.research.__main__ import main
-from outlast.training.research.hide_and_seek import ABLATIONS, ablated, changes
+from outlast.training.research.hide_and_seek import ABLATIONS, ablated, changes, read_off
 from tests.helpers.outputs import rows_of
+
+SMALL: dict[str, Any] = {"worlds": 4, "rollout": 16, "policies": "side", "quiet": True}
 
 
 def test_a_run_is_played_with_and_without_tools(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    outlast.train("hide_small", str(tmp_path / "run"), steps=1, worlds=4, rollout=16, policies="side", quiet=True)
+    outlast.train("hide_small", tmp_path / "run", steps=1, **SMALL)
     out = tmp_path / "table.csv"
     assert main(["tool-use", "hide_small", str(tmp_path / "run"), "--episodes", "8", "--out", str(out)]) == 0
     assert [row["who"] for row in rows_of(out)] == [*ABLATIONS][:3]  # without ramps, nothing is said of them
@@ -38,8 +42,7 @@ def test_only_one_side_lacks_something(name: str, agents: list[int]) -> None:
 
 def test_checkpoints_play_each_other(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run = tmp_path / "run"
-    small = {"worlds": 4, "rollout": 16, "policies": "side", "quiet": True}
-    outlast.train("hide_small", str(run), steps=64, every=32, **small)
+    outlast.train("hide_small", run, steps=64, every=32, **SMALL)
     out, figure = tmp_path / "table.csv", tmp_path / "figure.png"
     arguments = ["phases", "hide_small", str(run), "--episodes", "8", "--out", str(out), "--figure", str(figure)]
     assert main(arguments) == 0
@@ -62,3 +65,16 @@ def test_later_checkpoints_are_compared_against_the_same_opponent() -> None:
     cells = {(hiders, seekers): {"ticks_seen": (10.0 * seekers - 2.0 * hiders, 1.0)} for hiders, seekers in pairs}
     assert changes(cells, 1) == (9, 0, 9)  # later seekers see ten ticks more
     assert changes(cells, 0) == (0, 0, 9)  # two and four ticks are below three errors of 1.4
+
+
+def test_what_a_memory_holds_is_read(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for memory in (8, 0):
+        outlast.train("hide_small", tmp_path / str(memory), steps=1, memory=memory, **SMALL | {"rollout": 128})
+    out, counts = tmp_path / "table.csv", np.random.default_rng(0).integers(0, 7, 400)
+    assert main(["object-counting", str(tmp_path / "8"), "--episodes", "16", "--out", str(out)]) == 0
+    assert [row["weights"] for row in rows_of(out)] == ["trained", "random"]
+    assert main(["object-counting", str(tmp_path / "0")]) != 0
+    assert "has no memory to read: train it with --memory" in capsys.readouterr().err
+    assert read_off(np.c_[counts / 7, counts % 2], counts)[0] == 1
+    right, _, guessed, explained = read_off(np.c_[counts * 1e-5, np.ones(400)], counts)  # below the noise
+    assert (right, explained) == (pytest.approx(guessed, abs=0.05), pytest.approx(0, abs=0.05))

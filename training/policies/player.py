@@ -177,6 +177,12 @@ class Player:
         """
         self._shifts = (-slack, 0.0, slack)
 
+    @property
+    def remembered(self) -> Array:
+        """The memories of all agents after the last call, float32 (agents of all worlds, memory)."""
+        assert self._remembered is not None, "it has not been called yet"
+        return self._remembered.numpy()
+
     def explainer(self) -> "PolicyExplainer":
         """Return an explainer of the policy, with a memory of its own; for outlast.record(policy=player)."""
         own = copy.copy(self)

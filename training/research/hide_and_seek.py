@@ -1,26 +1,36 @@
-"""Hide and seek, what agents do with things. tool-use: with and without them; phases: from checkpoint to checkpoint."""
+"""Hide and seek, what agents do with things, and what they remember of them.
+
+tool-use: with and without things; phases: from checkpoint to checkpoint; object-counting: what is read from memories.
+"""
 
 import argparse
 import itertools
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from outlast.components.hide_and_seek import HIDERS, SEEKERS
+from outlast.components.transfer import Passed
 from outlast.ecs import role
+from outlast.envs.api.make import make_vec
 from outlast.envs.api.options import OUTPUT
 from outlast.envs.cli.grammar import add_command
 from outlast.envs.cli.options import output, positive
+from outlast.envs.rollout.memory import told
 from outlast.envs.rollout.saved import checkpoints, runs_in, steps_of
 from outlast.envs.scenarios.parse import resolve
 from outlast.envs.scenarios.scenario import Scenario
+from outlast.envs.scenarios.transfer import OBJECT_COUNTING
 from outlast.envs.text_table import text_table
 
 from ..arena.evaluation import CERTAIN, Evaluation, evaluate
 from ..arena.match import Estimates
+from ..base.config import TrainingConfig
 from ..base.errors import TrainingError
 from ..base.files import check_results, write_files
 from ..base.quantities import csv_text, pivot
@@ -39,24 +49,30 @@ ABLATIONS: dict[str, dict[str, dict[str, Any]]] = {  # by name: options of outla
 COMPARED = ("run", "who", FIGURE, "error", "difference", "its error", "errors apart")
 BY_SIDE = ("return", "held", "locks", "unlocks", "climbs")
 COUNTS = ("crates_moved1", "crates_locked1", "ramps_moved1", "ramps_locked1", "doors_closed1")  # as episodes end
+COUNTED = ("run", "weights", "right", "error", "guessed", "explained")
 COLUMNS = ("run", "hiders", "seekers", "figure", "mean", "error")
 MILLION = 1e6
+NOISE = 0.01  # of memories of -1 to 1: what changes them by less is not read, as all of it is there in the last bits
+Array = np.ndarray[Any, Any]
 Cells = dict[tuple[int, int], Estimates]  # by the agent-steps of hiders and of seekers
 
 
 def add(commands: Any) -> None:
     """Add the commands to a parser's commands."""
     _add_games(add_command(commands, "tool-use", use_tools), "a saved policy, or the folder of a run")
+    text = "a policy with a memory, or the folder of its run"
+    _add_games(add_command(commands, "object-counting", count_objects), text, scenario=False)
     command = add_command(commands, "phases", play_phases)
     _add_games(command, "the folder of a run, or a folder with several of these")
     text = "draw the ticks seen of all runs to this file, as PNG"
     command.group(OUTPUT).add_argument("--figure", type=output(_check), metavar="FILE", help=text)
 
 
-def _add_games(command: Any, runs: str) -> None:
-    """Add what games of hide and seek need to a command. runs: help on what is played."""
+def _add_games(command: Any, runs: str, scenario: bool = True) -> None:
+    """Add what games of hide and seek need to a command. runs: Help on what is played. scenario: Whether to ask."""
     group = command.group(DRAWN)
-    group.add_argument("scenario", metavar="SCENARIO", help="a scenario of hide and seek")
+    if scenario:
+        group.add_argument("scenario", metavar="SCENARIO", help="a scenario of hide and seek")
     group.add_argument("runs", nargs="+", metavar="RUN", help=runs)
     text = "episodes of each game (default 1024)"
     group.add_argument("--episodes", type=positive, default=1024, metavar="EPISODES", help=text)
@@ -109,6 +125,73 @@ def use_tools(options: argparse.Namespace) -> None:
     if options.out:
         write_files({Path(options.out): csv_text(COMPARED, rows).encode()})
     print(text_table([(*row[:2], *(f"{value:.2f}" for value in row[2:])) for row in rows], COMPARED, left=2))
+
+
+def memories(path: str, trained: bool, seed: int, episodes: int) -> tuple[Array, Array]:
+    """Play episodes of object counting at once, with the weights of a policy's hiders or with random ones.
+
+    Returns the memories at the end, float32 (episodes, memory), and how many crates have gone to the left, (episodes,).
+    Raises TrainingError: the policy has no memory.
+    """
+    from ..policies.player import Player  # PyTorch, slow to load
+    from ..ppo.trainer import Trainer, capture
+
+    saved = Player(path)
+    if not saved.memory:
+        raise TrainingError(f"{path} has no memory to read: train it with --memory")
+    weights: dict[str, Any] = {"preset": saved.preset.name, "memory": saved.memory, "policies": "side"}
+    config = TrainingConfig(OBJECT_COUNTING, **weights, worlds=1, seed=seed, warm_start=path if trained else "")
+    trainer = Trainer(config)
+    trainer.take_weights()
+    player = Player(capture(trainer, config.header()))
+    with closing(make_vec(player.scenario(OBJECT_COUNTING), episodes, seed=seed, copy=False)) as env:
+        policy, (observations, _) = told(player, env), env.reset()
+        for _ in range(env.scenario.numbers()["ending_limit"] - 1):
+            observations = env.step(policy(observations))[0]
+        policy(observations)
+        return player.remembered, env.worlds[Passed].went_left[:, 0].copy()
+
+
+def read_off(memories: Array, counts: Array) -> tuple[float, float, float, float]:
+    """Fit a linear map from memories to counts in half of the episodes, by ridge regression, and test it in the others.
+
+    Returns the share of episodes in which the rounded number is right, its error, the share for the most frequent
+    number, and the share of the variance that is explained.
+    """
+    half = len(counts) // 2
+    known, asked = (memories - memories[:half].mean(0)).astype(float).reshape(2, half, -1)
+    (fitted, true), middle = counts.reshape(2, half), counts[:half].mean()
+    ridge = half * NOISE**2 * np.eye(known.shape[1])
+    found = middle + asked @ np.linalg.solve(known.T @ known + ridge, known.T @ (fitted - middle))
+    right = float((np.rint(found) == true).mean())
+    guessed = float((true == np.bincount(counts[:half]).argmax()).mean())
+    return (
+        right,
+        math.sqrt(right * (1 - right) / len(true)),
+        guessed,
+        float(1 - ((found - true) ** 2).mean() / true.var()),
+    )
+
+
+def count_objects(options: argparse.Namespace) -> None:
+    """Test what hiders with a memory remember of six crates that have gone by (object counting).
+
+    The agent stands still while crates leave its sight, to the left or to the right. From its memory at the end, a
+    linear map, which is fitted in half of the episodes, reads how many have gone to the left: right is the share of the
+    other episodes in which it is right, guessed that of always saying the most frequent number, and explained the share
+    of the variance. Beside it the same for networks with random weights.
+
+    Examples:
+        object-counting runs/hide_small-memory-0 runs/hide_small-memory-1  # two runs
+    """
+    rows = list[tuple[Any, ...]]()
+    for k, path in enumerate(options.runs):
+        for trained in (True, False):
+            found = read_off(*memories(path, trained, k, options.episodes))
+            rows.append((path, "trained" if trained else "random", *found))
+    if options.out:
+        write_files({Path(options.out): csv_text(COUNTED, rows).encode()})
+    print(text_table([(*row[:2], *(f"{value:.3f}" for value in row[2:])) for row in rows], COUNTED, left=2))
 
 
 def play(scenario: Scenario, folder: Path, episodes: int) -> Cells:
