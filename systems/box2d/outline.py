@@ -10,7 +10,7 @@ from outlast.ecs.kernels.jit import noinline_kernel
 from . import layout as at
 from .batch import CORNER, CORNERS, LIMITS, X
 
-_ZERO, _ONE, _HALF = np.float32(0), np.float32(1), np.float32(0.5)
+_ZERO, _ONE = np.float32(0), np.float32(1)
 _THIRD = np.float32(1) / np.float32(3)
 
 
@@ -50,7 +50,7 @@ def write_polygon(shape: int, outline: NDArray[np.float32]) -> None:
         at.store_f4(shape + at.POLYGON_VERTICES + 8 * k + 4, y)
         at.store_f4(shape + at.POLYGON_NORMALS + 8 * k, along_y * scale)
         at.store_f4(shape + at.POLYGON_NORMALS + 8 * k + 4, -along_x * scale)
-        part = _HALF * (x * next_y - y * next_x)
+        part = x * next_y - y * next_x  # of twice the area, which cancels out
         area += part
         middle_x += part * _THIRD * (x + next_x)
         middle_y += part * _THIRD * (y + next_y)

@@ -89,7 +89,6 @@ def layout(*modules: Module) -> MemoryLayout:
 
 
 def component(base: Any, /, **columns: Any) -> Any:
-    """A class of components with these columns."""
     return type("Odd", (base,), columns)
 
 
@@ -99,13 +98,11 @@ def event(**columns: Any) -> Any:
 
 
 def numbered(hint: Any, default: Any, name: str = "speed") -> Module:
-    """A mechanic with one number."""
     made: Any = dataclass(frozen=True)(type("Odd", (Toy,), {"__annotations__": {name: hint}, name: default}))
     return made()
 
 
 def system(base: type[Module] = Toy, /, **hints: Any) -> Module:
-    """A mechanic with a system that has these parameters."""
     made = kind("Odd", base)
     made.system(Phase.MOVE)(taking(**hints))
     return made()
@@ -291,7 +288,6 @@ class Usable(Component):
 
 
 def annotated(base: type, hint: Any) -> Any:
-    """A class of components with this annotation and a column."""
     return type("Odd", (base,), {"__annotations__": {"amount": hint}, "found": column("i4")})
 
 

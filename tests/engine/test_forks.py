@@ -56,7 +56,6 @@ class Forks:
             file.write(f"{os.getpid()} {label}\n")
 
     def done(self) -> list[list[str]]:
-        """What was done: process and unit."""
         return [line.split() for line in (self.folder / "log").read_text().splitlines()]
 
     def meet(self) -> None:
@@ -67,7 +66,6 @@ class Forks:
         assert os.read(self._meeting, 1) == b""
 
     def close(self) -> None:
-        """Close the pipe."""
         for end in (self._meeting, self._writing):
             if end >= 0:
                 os.close(end)

@@ -86,12 +86,10 @@ def module(label: str, function: Callable[..., None], phase: Phase = Phase.FEED,
 
 
 def named(function: Callable[..., None], name: str) -> Callable[..., None]:
-    """The same function under another name."""
     return taking(name, **{key: hint for key, hint in function.__annotations__.items() if key != "return"})
 
 
 def labels(*modules: Module) -> list[str]:
-    """The systems in FEED, in order."""
     systems = Worlds([Walkers(), *modules], 1).schedule.systems
     return [system.label for system in systems if system.phase is Phase.FEED]
 
@@ -256,7 +254,6 @@ def test_a_scenario_may_have_no_system_at_all() -> None:
 
 
 def kinds(*archetypes: Archetype) -> Module:
-    """A mechanic with these archetypes."""
     return mechanic("Kinds", Toy, archetypes=archetypes)
 
 

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from outlast.ecs import kernel
-from outlast.ecs.kernels.simd import SIMD_WIDTH
+from outlast.ecs.kernels.simd import LARGEST, SIMD_WIDTH
 from outlast.systems.geometry import bodies, broad_phase
 from tests.conftest import COMPILED
 from tests.helpers import naive_geometry as naive
@@ -80,7 +80,6 @@ def _gaps(index: Any, body: Any, shape: Any, solid: Any, entities: Any, members:
 
 
 def index_of(body: Any, shape: Any, entities: Any, members: np.ndarray) -> bodies.Index:
-    """The index of these bodies, which the first query fills."""
     index = bodies.make_index({"blocks": members.size})
     return index._replace(body=body, shape=shape, entities=entities, members=members)
 
@@ -173,6 +172,15 @@ def test_queries_list_all_that_is_hit_or_near(
         assert e in near or surface(body, shape, e, x, y) > far
     boxes = overlaps(rectangles(index, rows), ends(x, dx), ends(y, dy))
     assert {e for e in wanted if boxes[e]} <= {*boxed}
+    if index.count[0] > bodies.FEW:  # the sides are rounded outwards, and by more than float32 loses
+        listed = (SIMD_WIDTH * index.lines[: index.count[0], None] + np.arange(SIMD_WIDTH)).ravel()
+        there = np.isin(listed, living)
+        sides, half_ulp = rectangles(index, rows)[:, :, listed[there]], 2.0**-24
+        for axis, (start, steps) in enumerate(index.scale.tolist()):
+            low, high = ((sides[axis] + [[-half_ulp], [half_ulp]] * abs(sides[axis]) - start) * steps).clip(0, LARGEST)
+            got = index.sides[2 * axis : 2 * axis + 2, : listed.size][:, there]
+            assert (got[0] <= low).all()
+            assert (got[1] >= np.floor(high)).all()
 
 
 def ends(start: float, length: float) -> tuple[float, float]:
@@ -189,7 +197,6 @@ def rectangles(index: bodies.Index, rows: int) -> np.ndarray:
 
 
 def overlaps(sides: np.ndarray, *box: tuple[float, float]) -> np.ndarray:
-    """Which AABBs overlap a rectangle."""
     low, high = np.array(box).T[:, :, None]
     return ((sides[:, 0] <= high) & (sides[:, 1] >= low)).all(0)
 

@@ -148,9 +148,9 @@ def answer(backend: Any, part: str, columns: Any, value: Any) -> int:
     [*(("batch", *row) for row in ((X, nan), (RADIUS, -1), (RADIUS, 1e-3), (CIRCLE_OR_BOX, [0, 1e-3, 1]),
                                    (CIRCLE_OR_BOX, [0, 1, 1e-3]), (CIRCLE_OR_BOX, [-1, 1, 1]), (JTURN, nan), (MASS, 0),
                                    (INERTIA, 0))),
-     *(("traits", *row) for row in ((LINEAR_DAMPING, nan), (LAYER, -1))),
-     *(("joints", *row) for row in ((SECOND, 0), (SECOND, 2), (FIRST, -1), (OTHER_X, nan), (REST, -1), (HERTZ, -1),
-                                    (RATIO, -1))),
+     *(("traits", *row) for row in ((LINEAR_DAMPING, nan), (LAYER, -0.5))),
+     *(("joints", *row) for row in ((SECOND, 0), (SECOND, 2), (FIRST, -1), (OTHER_X, nan), (REST, -0.5), (HERTZ, -0.5),
+                                    (RATIO, -0.5))),
      *(("outlines", *row) for row in ((CORNERS, 2), (CORNERS, 9), (CORNERS, nan), (CORNERS, -1), (CORNER, nan),
         (CORNER, 1e7), (CORNER, -0.5), (CORNER + 2, 0.6), ([CORNER + 4, CORNER + 5], 0), (CORNER + 5, -0.6)))],
 )  # fmt: skip
