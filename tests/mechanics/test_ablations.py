@@ -59,7 +59,6 @@ def test_a_capped_health_loses_what_is_above() -> None:
 
 
 def test_a_limit_of_one_hit_point_is_a_limit() -> None:
-    """0 is none, and nothing else."""
     game = ScenarioBuilder("ffa_1", agents_health=1, mortality_limit=1, safe_zone_damage=0)
     game.hand(0, "heal", 0)
     assert game.step({0: "use"}).health(0) == 1

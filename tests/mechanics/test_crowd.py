@@ -13,6 +13,7 @@ from outlast.components import Body, Phase, Side, Sight
 from outlast.ecs import Entity, Module, Rows, Write, number
 from outlast.ecs.kernels.simd import SIMD_WIDTH
 from outlast.envs.core.vector_env import SurvivalVectorEnv
+from outlast.systems.cameras import cone_ends
 from outlast.systems.geometry.bodies import FEW
 from outlast.systems.observation_rows import WORD
 from tests.conftest import draw_actions, nightly_compiled, scaled
@@ -63,6 +64,14 @@ def test_cameras_see_in_a_crowd_what_they_see_one_by_one(cone: str) -> None:
         assert differing <= len(ambiguities), (got, want)
     env.close()
     assert several >= WORLDS
+
+
+@pytest.mark.parametrize("fov", [0.3, 1.3, 3.1])
+def test_a_box_is_as_large_as_the_cone_in_it(fov: float) -> None:
+    for heading in np.linspace(-3.1, 3.1, 31):
+        rim = 7 * np.cos(heading + np.linspace(-fov / 2, fov / 2, 999))
+        found = cone_ends(np.cos(heading), np.sin(heading), 7.0, np.cos(fov / 2), np.sin(fov / 2))
+        assert found == pytest.approx((min(0, *rim), max(0, *rim)), abs=1e-4)
 
 
 def test_rows_of_a_crowd_are_those_of_what_is_seen() -> None:

@@ -52,7 +52,6 @@ def test_speed_is_in_proportion(fine: Module) -> None:
 
 @pytest.mark.parametrize("fine", [FineMotors(), FineSteering()])
 def test_styles_play_as_well_by_hundredths(fine: Module) -> None:
-    """A hunter beats players at random."""
     worlds = scaled(256, 8)
     env = outlast.make_vec(outlast.variant("ffa_2").with_(fine), worlds, seed=0)
     won, drawn, lost = outlast.rollout(env, "hunter", others="random").outcomes["random"]

@@ -8,7 +8,7 @@ import pytest
 
 import outlast
 from outlast import Scenario, make_vec, variant
-from outlast.ecs import Entity, NumberError
+from outlast.ecs import Entity
 from outlast.envs.core.vector_env import SurvivalVectorEnv
 from outlast.systems import FreeForAll, Lidar, Maze, Preparation, Respawn
 from tests.conftest import draw_actions, scaled
@@ -113,11 +113,6 @@ def test_the_blind_read_nothing_until_their_first_choice() -> None:
         assert (observations["lidar"][:, 2:] > 0).all() == (tick >= 5)
         assert (observations["lidar"][:, 2:] == 0).all() == (tick < 5)
         observations = env.step(np.tile(IDLE, (WORLDS, 4, 1)))[0]
-
-
-def test_the_number_of_rays_is_the_same_everywhere() -> None:
-    with pytest.raises(NumberError, match=r"lidar_rays cannot vary: Lidar.dims\(\) reads it"):
-        make_vec(EMPTY.with_(Lidar()).vary(lidar_rays=outlast.distributions.integers(3, 9)), 1)
 
 
 def test_it_is_an_observation_of_its_own_with_a_scale() -> None:
