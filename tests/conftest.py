@@ -35,6 +35,7 @@ COMPILED = not numba.config.DISABLE_JIT
 if "PYTEST_XDIST_WORKER" in os.environ:  # a worker for each core: its forks would compile shared kernels once more
     cache.available_cores = lambda: 1
 
+compiled_only = pytest.mark.skipif(not COMPILED, reason="about machine code")
 # Marks of tests that are slow only because they compile; as plain Python they have none.
 slow_compiled, nightly_compiled = (pytest.mark.slow, pytest.mark.nightly) if COMPILED else (lambda test: test,) * 2
 

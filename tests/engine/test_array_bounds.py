@@ -14,13 +14,12 @@ from outlast.ecs import DeclarationError, Entity, Rows, Worlds, Write, kernel
 from outlast.ecs.checks.source_check import UNCHECKED
 from outlast.ecs.kernels.array_types import CheckedColumn
 from outlast.ecs.kernels.simd import load, load_flags, store, store_bytes, to_bits
-from tests.conftest import COMPILED
+from tests.conftest import compiled_only
 from tests.helpers.toy_game import RESET, STEP, Place, Walkers, run, system_of
 
 FAR = 300
 USED = is_set, load, load_flags, to_bits  # by expressions
 pytestmark = pytest.mark.usefixtures("untried")
-compiled_only = pytest.mark.skipif(not COMPILED, reason="about machine code")
 
 
 def worlds_with(reach: Callable[..., Any]) -> Worlds:

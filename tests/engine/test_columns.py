@@ -14,12 +14,11 @@ from outlast.ecs.compilation import arguments
 from outlast.ecs.compilation.tick import Generator
 from outlast.ecs.kernels.array_types import CheckedColumn, ColumnType
 from outlast.ecs.kernels.jit import kernel
-from tests.conftest import COMPILED, draw_actions, few_by_day
+from tests.conftest import compiled_only, draw_actions, few_by_day
 from tests.helpers import toy_game
 from tests.helpers.execution_modes import LEVELS, short
 from tests.helpers.toy_game import Place
 
-compiled_only = pytest.mark.skipif(not COMPILED, reason="about machine code")
 ROW, TABLE = ColumnType(types.float32, 1), ColumnType(types.float32, 2)
 READ_ONLY = ColumnType(types.float32, 2, readonly=True)
 

@@ -36,7 +36,7 @@ from outlast.ecs.compilation import cache
 from outlast.ecs.kernels.jit import OPTIONS, called_kernel
 from outlast.ecs.kernels.machine_code import compile_function
 from outlast.ecs.kernels.random import uniform
-from tests.conftest import COMPILED, digest
+from tests.conftest import COMPILED, compiled_only, digest
 from tests.helpers import toy_game
 from tests.helpers.mechanics import kind
 from tests.helpers.toy_game import (
@@ -55,7 +55,6 @@ from tests.helpers.toy_game import (
     system_of,
 )
 
-compiled_only = pytest.mark.skipif(not COMPILED, reason="about machine code")
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -344,7 +343,7 @@ def seldom_needed(address: int, unused: int) -> int:
     return address + 1
 
 
-@pytest.mark.skipif(not COMPILED, reason="it is about machine code")
+@compiled_only
 def test_functions_inside_machine_code_have_names_of_their_own() -> None:
     """LLVM takes arguments from them that nothing needs, and the loader would take them for numba's own copies."""
 

@@ -13,13 +13,12 @@ from numba.np import arrayobj
 
 from outlast.ecs import DeclarationError, EngineError, Rows, Worlds, Write, kernel
 from outlast.ecs.compilation.compile_errors import explained, of_numba
-from tests.conftest import COMPILED
+from tests.conftest import COMPILED, compiled_only
 from tests.helpers.mechanics import written
 from tests.helpers.toy_game import RESET, STEP, Place, Walkers, run, system_of
 
 HOME = Path(__file__).name
 USED = np, Rows, Write  # by lines of systems
-compiled_only = pytest.mark.skipif(not COMPILED, reason="about machine code")
 
 
 def adds_text(place: Write[Place], rows: Rows[Place]) -> None:

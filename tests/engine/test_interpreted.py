@@ -19,12 +19,10 @@ from outlast.ecs.kernels.simd import SIMD_WIDTH, load, load_flags, store, to_bit
 from outlast.ecs.memory.episode import RESET, STEP
 from outlast.systems import Physics
 from outlast.systems.box2d import layout as box2d
-from tests.conftest import COMPILED
+from tests.conftest import COMPILED, compiled_only
 from tests.helpers import toy_game
 from tests.helpers.execution_modes import short
 from tests.helpers.toy_game import Energy, Place, Wind
-
-compiled_only = pytest.mark.skipif(not COMPILED, reason="compares with machine code")
 
 
 @compiled_only
@@ -116,7 +114,7 @@ def test_bounds_checks_can_be_switched_off_and_are_part_of_the_key(monkeypatch: 
     assert not any(system.kernel.targetoptions["boundscheck"] for system in Physics.registered if system.compiled)
 
 
-@pytest.mark.skipif(not COMPILED, reason="about machine code")
+@compiled_only
 @pytest.mark.parametrize(("value", "checks"), [("0", "False"), ("1", "True"), (None, "True")])
 @pytest.mark.by_day(1)
 def test_the_variable_that_switches_bounds_checks_off(value: str | None, checks: str) -> None:

@@ -27,7 +27,7 @@ from outlast.training.policies.player import Player
 from outlast.training.policies.policy import ActorCritic, Extractor, MultiCategorical
 from outlast.training.policies.rows import Packer, PaddedRows, concatenated
 from outlast.training.ppo.trainer import Trainer, capture
-from tests.conftest import draw_actions
+from tests.conftest import compiled_only, draw_actions
 from tests.helpers.trainers import doubled
 
 COUNTS = {"ffa_2": 22_832, "ffa_3": 23_856, "teams_2": 22_896, "teams_3": 23_920}  # of the authors' checkpoints
@@ -246,6 +246,7 @@ def test_what_no_extractor_can_be_is_refused() -> None:
         make("original", layout, own)(inputs)
 
 
+@compiled_only
 @pytest.mark.parametrize("agents", [0, 2, 130], ids=["no agent", "no row", "many"])
 @pytest.mark.parametrize("function", ["can_attend", "possible"], ids=["attention", "networks"])
 def test_networks_in_compiled_code_are_those_of_pytorch(function: str, agents: int, monkeypatch) -> None:
@@ -266,6 +267,7 @@ def test_networks_in_compiled_code_are_those_of_pytorch(function: str, agents: i
         torch.testing.assert_close(one, other, rtol=2e-5, atol=2e-5)
 
 
+@compiled_only
 def test_actions_that_compiled_code_chooses_are_those_of_pytorch() -> None:
     """Some are not drawn: these are `noop`, and count for nothing in the log-probabilities."""
     layout, observations, own = seen("teams_3", "fast")
