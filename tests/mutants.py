@@ -64,7 +64,7 @@ OPERATORS = (
 )
 UNTESTED = {"decorator", "fstring", "import_from", "import_name"}  # types of parso's nodes
 
-FOLDERS = "tests/core tests/engine tests/mechanics tests/physics"
+FOLDERS = "tests/core tests/engine tests/mechanics tests/physics tests/training/test_networks.py"
 COVERED = f"NUMBA_DISABLE_JIT=1 python -m pytest --cov --cov-context=test --cov-report= --timeout=1200 {FOLDERS}"
 NARROW, FILES = 25, 2  # tests that are tried first, and files that are tried then: those that execute little else
 CASES = 3  # of one test that are tried first
