@@ -1,7 +1,6 @@
 """What all tests share: marks and sizes by mode, digests, actions, and fixtures."""
 
 import hashlib
-import os
 import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator
@@ -13,7 +12,6 @@ import numba
 import numpy as np
 import pytest
 
-from outlast.ecs.compilation import cache
 from outlast.ecs.declarations.event import zero_unused
 from outlast.ecs.memory.tables import Tables
 from outlast.ecs.running import compiled_game
@@ -32,8 +30,6 @@ OF_RESEARCH += tuple(f"training/test_{name}.py" for name in ("compare_runs", "pa
 collect_ignore = [] if find_spec("outlast.training.research") else [*OF_RESEARCH]
 
 COMPILED = not numba.config.DISABLE_JIT
-if "PYTEST_XDIST_WORKER" in os.environ:  # a worker for each core: its forks would compile shared kernels once more
-    cache.available_cores = lambda: 1
 
 compiled_only = pytest.mark.skipif(not COMPILED, reason="about machine code")
 # Marks of tests that are slow only because they compile; as plain Python they have none.
