@@ -71,10 +71,13 @@ def test_what_a_memory_holds_is_read(tmp_path: Path, capsys: pytest.CaptureFixtu
     for memory in (8, 0):
         outlast.train("hide_small", tmp_path / str(memory), steps=1, memory=memory, **SMALL | {"rollout": 128})
     out, counts = tmp_path / "table.csv", np.random.default_rng(0).integers(0, 7, 400)
-    assert main(["object-counting", str(tmp_path / "8"), "--episodes", "16", "--out", str(out)]) == 0
+    assert main(["object-counting", str(tmp_path / "8"), "--episodes", "17", "--out", str(out)]) == 0
     assert [row["weights"] for row in rows_of(out)] == ["trained", "random"]
     assert main(["object-counting", str(tmp_path / "0")]) != 0
-    assert "has no memory to read: train it with --memory" in capsys.readouterr().err
+    assert main(["object-counting", str(tmp_path / "8"), "--episodes", "15"]) != 0
+    errors = capsys.readouterr().err
+    assert "has no memory to read: train it with --memory" in errors
+    assert "--episodes 15: 16 are needed, half of them" in errors
     assert read_off(np.c_[counts / 7, counts % 2], counts)[0] == 1
     right, _, guessed, explained = read_off(np.c_[counts * 1e-5, np.ones(400)], counts)  # below the noise
     assert (right, explained) == (pytest.approx(guessed, abs=0.05), pytest.approx(0, abs=0.05))

@@ -52,7 +52,8 @@ COUNTS = ("crates_moved1", "crates_locked1", "ramps_moved1", "ramps_locked1", "d
 COUNTED = ("run", "weights", "right", "error", "guessed", "explained")
 COLUMNS = ("run", "hiders", "seekers", "figure", "mean", "error")
 MILLION = 1e6
-NOISE = 0.01  # of memories of -1 to 1: what changes them by less is not read, as all of it is there in the last bits
+NOISE = 0.01  # standard deviation, of memories from -1 to 1: otherwise the last bits of a float32 give all away
+LEAST = 16  # episodes of object counting
 Array = np.ndarray[Any, Any]
 Cells = dict[tuple[int, int], Estimates]  # by the agent-steps of hiders and of seekers
 
@@ -152,25 +153,22 @@ def memories(path: str, trained: bool, seed: int, episodes: int) -> tuple[Array,
         return player.remembered, env.worlds[Passed].went_left[:, 0].copy()
 
 
-def read_off(memories: Array, counts: Array) -> tuple[float, float, float, float]:
+def read_off(held: Array, counts: Array) -> tuple[float, float, float, float]:
     """Fit a linear map from memories to counts in half of the episodes, by ridge regression, and test it in the others.
 
     Returns the share of episodes in which the rounded number is right, its error, the share for the most frequent
     number, and the share of the variance that is explained.
     """
     half = len(counts) // 2
-    known, asked = (memories - memories[:half].mean(0)).astype(float).reshape(2, half, -1)
-    (fitted, true), middle = counts.reshape(2, half), counts[:half].mean()
+    known, asked = np.split((held - held[:half].mean(0)).astype(float), [half])
+    fitted, true = np.split(counts, [half])
     ridge = half * NOISE**2 * np.eye(known.shape[1])
-    found = middle + asked @ np.linalg.solve(known.T @ known + ridge, known.T @ (fitted - middle))
+    slopes = np.linalg.solve(known.T @ known + ridge, known.T @ (fitted - fitted.mean()))
+    found = fitted.mean() + asked @ slopes
     right = float((np.rint(found) == true).mean())
-    guessed = float((true == np.bincount(counts[:half]).argmax()).mean())
-    return (
-        right,
-        math.sqrt(right * (1 - right) / len(true)),
-        guessed,
-        float(1 - ((found - true) ** 2).mean() / true.var()),
-    )
+    guessed = float((true == np.bincount(fitted).argmax()).mean())
+    explained = float(1 - ((found - true) ** 2).mean() / true.var())
+    return right, math.sqrt(right * (1 - right) / len(true)), guessed, explained
 
 
 def count_objects(options: argparse.Namespace) -> None:
@@ -184,6 +182,8 @@ def count_objects(options: argparse.Namespace) -> None:
     Examples:
         object-counting runs/hide_small-memory-0 runs/hide_small-memory-1  # two runs
     """
+    if options.episodes < LEAST:
+        raise TrainingError(f"--episodes {options.episodes}: {LEAST} are needed, half of them to fit and half to test")
     rows = list[tuple[Any, ...]]()
     for k, path in enumerate(options.runs):
         for trained in (True, False):
