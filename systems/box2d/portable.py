@@ -1,8 +1,7 @@
 """Box2D through pybox2d's public Python API: any platform, slow, and the reference for the native backend.
 
 Every call builds a world, so the result is a function of the batch alone. The impulses with which a lasting contact
-would start its next tick are lost. A circle against something static moves as in a world that is kept, but for the last
-bit; bodies that push each other differ by 0.1 mm, or by 1 cm after ten seconds where a circle is balanced on another.
+would start its next tick are lost.
 """
 
 from typing import Any

@@ -35,7 +35,7 @@ from outlast.systems.geometry.queries import first_on_ray
 
 HALF = np.float32(0.5)
 NEAREST, FARTHEST = np.float32(0.2), np.float32(0.45)  # of the room: how far ahead crates wait
-LATEST = 10_000  # ticks; times the number of crates, it is an int32
+LATEST = 10_000  # ticks: for the largest number of crates, the last one still leaves within an int32
 SPREAD = np.float32(0.6)  # the slope of the lines to the outermost ones
 EDGE = np.float32(14 / 15)  # rays begin one of 30 cells from the edge, as there; of half the floor
 
@@ -234,7 +234,7 @@ class Counting(Task):
     speed: float = number(2.5, above=0, high=FAR, unit="metres per second", about="speed of crates that leave")
 
     def singletons(self) -> Iterable[Singleton]:
-        return [Reward(), Parade(), Passed()]
+        return [Reward(), Parade(), Passed()]  # without Solved, as there is nothing to do
 
 
 @Counting.system(Phase.SPAWN, after="spawn_grid")
